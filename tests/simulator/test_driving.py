@@ -1,6 +1,7 @@
 """What is set from outside: poses, light, and the clock."""
 
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,15 @@ def test_poses_of_the_whole_exposure_are_kept(tmp_path: Path) -> None:
     for time_us in (10_000, 15_500, 20_000, 29_000):
         assert driving.pose("box", time_us)[0, 3] == pytest.approx(1e-4 * time_us)
     assert driving.pose("box", 8_000)[0, 3] == pytest.approx(1.0), "older ones are let go"
+
+
+@pytest.mark.parametrize("shutter_s", [0.0, 0.01])
+def test_a_camera_that_has_exposed_at_rest_stays_where_it_is(tmp_path: Path, shutter_s: float) -> None:
+    world = load_world(str(scene(tmp_path)))
+    driving = Driving(replace(world, camera=replace(world.camera, shutter_s=shutter_s)))
+    driving.seal()
+    with pytest.raises(InputError, match="camera stands still in") if shutter_s else nullcontext():
+        driving.set_place("camera", ((0.0, 0.4, 2.0), (0.0, 0.0, 0.0, 1.0), 1.0), 1000, 0)
 
 
 def test_poses_turn_by_slerp_and_grow_evenly() -> None:

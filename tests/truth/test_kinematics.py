@@ -47,6 +47,15 @@ def test_a_spline_has_the_derivatives_of_the_spline() -> None:
     assert np.abs(spins - in_body).max() < 1e-6
 
 
+@pytest.mark.parametrize("steps", [4, 5])
+def test_a_short_motion_is_as_fast_at_its_ends(steps: int) -> None:
+    """Nothing moves beyond them."""
+    motion = Keyframes((0.0, steps * 1e-3), ((0.0, 0.0, 0.0), (0.01 * steps, 0.0, 0.0)), ((0.0, 0.0, 0.0, 1.0),) * 2)
+    _, _, speeds, pulls, _ = derivatives(motion, np.arange(steps + 1) * 1e-3)
+    np.testing.assert_allclose(speeds, [(10.0, 0.0, 0.0)] * (steps + 1), atol=1e-9)
+    np.testing.assert_allclose(pulls, 0.0, atol=1e-5)
+
+
 def test_at_rest_the_sensor_feels_its_support_and_nothing_turns() -> None:
     """OpenCV's y is down, so that a level camera is held up along −y; one that looks up, along +z."""
     for turn_deg, felt in (((0, 30, 0), (0, -9.80665, 0)), ((90, 0, 0), (0, 0, 9.80665))):

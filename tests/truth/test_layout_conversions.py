@@ -13,7 +13,7 @@ from clsim.cli.app import app
 from clsim.cli.output.status import OUTPUT_FAILED
 from clsim.errors import InputError
 from clsim.events import SinkError
-from clsim.truth.layouts import LAYOUTS, layout_of, open_layout
+from clsim.truth.layouts import LAYOUTS, LayoutKind, layout_of, open_layout
 from clsim.truth.record import Shot
 from clsim.truth.recording import convert_recording, read_recording
 from tests.truth import recordings
@@ -39,6 +39,11 @@ def same(a: Shot, b: Shot, exact: bool, levels: int = 0, ulps: int = 0) -> None:
             assert np.array_equal(a.planes[name], b.planes[name]), name
     if "depth" in b.planes:
         assert np.array_equal(np.isfinite(a.planes["depth"]), np.isfinite(b.planes["depth"]))
+
+
+@pytest.mark.parametrize("kind", LAYOUTS, ids=lambda kind: kind.name)
+def test_endings_are_read_whatever_their_case(kind: LayoutKind) -> None:
+    assert [layout_of(f"RUN{ending.upper()}") for ending in kind.endings] == [kind] * len(kind.endings)
 
 
 @pytest.mark.parametrize("ending", FOLDERS)
