@@ -34,7 +34,8 @@ def scene_text(drawn: Mapping[str, Any]) -> str:
 def whole_paths(value: Any, folder: Path, key: str = "") -> Any:
     """Return a scene, or its template, with the files that it names relative to ``folder`` by whole paths."""
     if isinstance(value, Mapping):
-        return {name: whole_paths(each, folder, name) for name, each in value.items()}
+        # What a distribution chooses from is named by the key that it gives a value to.
+        return {name: whole_paths(each, folder, key if name == "choice" else name) for name, each in value.items()}
     if isinstance(value, list):
         return [whole_paths(each, folder, key) for each in value]
     named = key in _FILES or key.endswith("texture") or (key == "base" and isinstance(value, str) and "." in value)

@@ -109,6 +109,19 @@ def test_files_are_listed_from_the_specifications_folder(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "materials.wall.color_texture = 'a.x'",
+        "objects = [{ file = { choice = ['a.x'] } }]",
+        "base = { choice = ['a.x'] }",
+    ],
+)
+def test_files_lie_beside_the_specification(tmp_path, text):
+    """A sequence's scene is written elsewhere."""
+    assert repr(str(tmp_path / "a.x")) in str(spec_of(tmp_path, f"scene.{text}").sample(0).scene)
+
+
+@pytest.mark.parametrize(
     ("text", "sentence"),
     [
         ("count = 0", "count must be a whole number"),
