@@ -192,6 +192,13 @@ def test_shards_are_no_larger_than_asked_for(folder):
         assert [each.name.startswith("train") for each in shards].count(True) == count
 
 
+def test_shards_of_an_undivided_set_are_called_all(folder):
+    for done in scan(folder):
+        (sequence_folder(folder, done.index) / "job.json").write_text(json.dumps(vars(done) | {"split": ""}))
+    assert [each.name for each in write_shards(folder, "webdataset")] == ["all-000000.tar"]
+    assert len(list(Slices(folder / "shards", by="count", step=500))) == 3
+
+
 def test_tables_of_events(folder):
     import pyarrow.parquet as parquet
 

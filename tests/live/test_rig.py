@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,11 @@ import numpy as np
 import pytest
 
 import clsim
+from clsim.cli.output.rig import run_rig
+from clsim.cli.output.status import INTERRUPTED, OUTPUT_FAILED
 from clsim.errors import InputError
+from clsim.events import SinkError
+from clsim.live import rig as live_rig
 from clsim.live import session as live_session
 from clsim.live.options import LiveOptions
 from clsim.live.rig import extrinsics, open_rig, run_all
@@ -118,3 +123,19 @@ def test_one_that_fails_ends_those_that_would_run_for_ever(tmp_path: Path, monke
     with pytest.raises(InputError, match="no such light"):
         run_all(sessions)
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize(("ends", "status"), [(KeyboardInterrupt(), INTERRUPTED), (SinkError("full"), OUTPUT_FAILED)])
+def test_a_rigs_summaries_say_whether_it_was_interrupted(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    ends: BaseException,
+    status: int,
+) -> None:
+    def run(sessions: object) -> None:
+        raise ends
+
+    monkeypatch.setattr(live_rig, "run_all", run)
+    assert run_rig(open_rig(LiveOptions(rig(tmp_path), quality="draft")), as_json=True) == status
+    assert [each["interrupted"] for each in json.loads(capsys.readouterr().out)] == [status == INTERRUPTED] * 2
