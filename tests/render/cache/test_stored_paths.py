@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from clsim.render.cache.light_cache import Followed
 from clsim.render.cache.path_store import Movement, PathStore
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import Moved, trail_crosses
-from clsim.scene import Instance, Material, SphereLight, Static, load_world, shapes
+from clsim.scene import Instance, Material, Mesh, SphereLight, Static, load_world, shapes
 from clsim.scene.driven import Driven
 from clsim.scene.modulation import Pwm
 from tests.render import hand_worlds as hw
@@ -78,6 +78,18 @@ def there_and_back():
     return driven(hw.IDENTITY, places)
 
 
+@dataclass(frozen=True)
+class Shifts:
+    """A mesh whose corners go where a motion takes it."""
+
+    rest: Mesh
+    motion: Driven
+    duration_s: float = 1.0
+
+    def vertices_at(self, time_s):
+        return (self.rest.vertices + self.motion.pose(time_s)[:3, 3]).astype(np.float32), None
+
+
 def lamp_at(x=1.2):
     return Static(hw.translation(x, 3.0, 1.0))
 
@@ -98,6 +110,16 @@ def test_no_path_is_traced_where_nothing_has_moved():
     # A few pixels do not know enough yet.
     assert max(paths[1], paths[2]) < 0.01 * paths[0]
     assert 0.01 * paths[0] < paths[3] < 0.5 * paths[0]
+
+
+@pytest.mark.slow  # a kernel of its own is compiled
+def test_light_follows_what_deforms_as_it_does_what_moves():
+    world, moves = room(hw.IDENTITY, lamp_at()), there_and_back()
+    rest = world.meshes[3]
+    shifting = replace(world, meshes=(*world.meshes[:3], replace(rest, deformation=Shifts(rest, moves))))
+    times_us = [100_000, 200_000, 200_000]
+    shown, expected = (pictures(each, times_us, spp=64)[0] for each in (shifting, room(moves, lamp_at())))
+    assert np.abs(shown[2] - expected[2]).mean() < 0.02 * np.abs(expected[2] - expected[0]).mean()
 
 
 def test_the_order_in_which_paths_are_stored_changes_nothing(monkeypatch):
