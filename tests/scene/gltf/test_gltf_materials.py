@@ -117,6 +117,18 @@ def test_solid_glass_has_the_colour_of_the_volume_after_its_distance(tmp_path, m
     assert load_gltf(write_gltf(tmp_path, tree)).materials[0].kind == "disney"
 
 
+def test_each_texture_shows_its_own_image(tmp_path):
+    tree = gltf(
+        images=[{"uri": image_uri(first + np.arange(16).reshape(2, 2, 4))} for first in (60, 200)],
+        textures=[{"source": 1}, {"source": 0}],
+        materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "normalTexture": {"index": 1}}],
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    world = load_gltf(write_gltf(tmp_path, tree))
+    of = world.materials[0]
+    assert [world.textures[k].pixels[0, 0, 0] for k in (of.texture, of.normal_texture)] == [200, 60]
+
+
 @pytest.mark.parametrize("by_transform", [False, True])
 def test_a_material_uses_the_set_of_coordinates_of_its_first_texture(tmp_path, by_transform):
     """And tells so where another of its textures wants another set."""

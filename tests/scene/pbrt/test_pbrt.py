@@ -283,6 +283,7 @@ def test_equal_areas_keep_the_mean(tmp_path):
     ("body", "part"),
     [
         ("Nonsense", "scene.pbrt:5: got 'Nonsense'"),
+        ('Shape "sphere" "float radius" [\n1\n]\nNonsense', "scene.pbrt:8: got 'Nonsense'"),
         ('"quoted"', "expected a directive"),
         ("[1 2 3]", "a list of numbers"),
         ('Shape "sphere" "float radius" [', "the file ends"),

@@ -87,6 +87,18 @@ def test_copies_that_are_hidden_are_left_out_and_no_others(tmp_path, hidden):
     assert sorted(each.motion.pose(0.0)[1, 3] for each in world.instances) == [0, 6]
 
 
+def test_copies_of_a_prototype_that_is_not_there_are_told(tmp_path):
+    text = """def PointInstancer "many" {
+        point3f[] positions = [(0, 0, 0), (0, 3, 0)]
+        int[] protoIndices = [0, 1]
+        rel prototypes = </many/box>
+        def Cube "box" { double size = 1 } }
+        def Cube "alone" { double size = 1 }"""
+    world = load_world(usda(tmp_path, text))
+    assert len(world.instances) == 1
+    assert any("many are left out: one is of prototype 1, of 1" in each for each in world.warnings)
+
+
 @pytest.mark.parametrize("moving", [True, False])
 def test_copies_in_copies_that_something_between_them_moves_are_told(tmp_path, moving):
     """What moves is neither the inner copies' own places nor the outer ones'."""
