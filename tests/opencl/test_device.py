@@ -1,5 +1,6 @@
 """Which device is chosen, and what is said of those that do not work."""
 
+import json
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
@@ -80,6 +81,11 @@ def test_the_command_says_what_works_and_what_does_not(broken: Any, capsys: pyte
     said = capsys.readouterr().out
     assert f"Turbo (Acme, OpenCL 3.0)\n    does not work: {FAULT}; install the driver of its maker\n" in said
     assert "    works" in said
+    command(as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert told["opencl"] and not any("Turbo" in name for name in told["opencl"])
+    (only,) = told["opencl_broken"]
+    assert "Turbo" in only["name"] and (only["why"], only["do"]) == (FAULT, "install the driver of its maker")
 
 
 def test_a_trial_is_remembered_for_a_device_a_driver_and_a_processor(

@@ -133,6 +133,9 @@ def test_what_was_lost_is_always_told(session: Session) -> None:
     assert "clsim: 1,200 NaN or infinite pixels were masked" in text
     assert "clsim: 7 events beyond 1000 per pixel and step were not written" in text
     assert "0 frames came late, 3 were dropped" in text
+    motion = {"largest_px": 0.5, "fast_pairs": 0, "lost_pairs": 2, "pairs": 9}
+    text = told_at_the_end(session, motion=motion)
+    assert "clsim: in 2 pairs of frames nothing is found again" in text and "what is seen moves" not in text
 
 
 def test_noise_is_told_where_it_is_more_than_a_tenth(session: Session) -> None:

@@ -113,6 +113,10 @@ def test_luminance_variance_is_taken_where_it_is_given():
     frame = with_variances(make_frame(np.full((3, 3), np.log(0.5))), radiance=0.01)
     windows = windows_of(frame, config)
     np.testing.assert_allclose(windows.y_variance[windows.mask], 0.01 / 0.25, rtol=1e-5)
+    # Scaled light has its square; the logarithm rises no more steeply than at the floor, which is of scaled light.
+    for options, expected in (({"regress": "linear", "scale": 3.0}, 0.09), ({"scale": 0.5, "floor": 0.4}, 0.01 / 0.64)):
+        windows = windows_of(frame, DetectorConfig(**options))
+        np.testing.assert_allclose(windows.y_variance[windows.mask], expected, rtol=1e-5)
     named = Frame(
         np.concatenate([frame.planes, np.full((1, 3, 3), 0.004, np.float32)]), (*frame.names, "Variance.Luminance")
     )
