@@ -56,6 +56,23 @@ def _under_coat(b: Bsdf, cosine: float) -> float:
 
 
 @wp.func
+def passing_principled(b: Bsdf, cosine: float) -> float:
+    """Return the share of light from the base that leaves in a direction: neither reflection nor clearcoat keeps it.
+
+    It is the mean over the directions that the light comes from, of Schlick's reflectance at the flatter of both.
+    """
+    c = wp.clamp(cosine, 0.0, 1.0)
+    m = 1.0 - c
+    m5 = m * m * m * m * m
+    flat = 1.0 / 21.0 - m5 * m / 3.0 + 2.0 * m5 * m * m / 7.0 + (1.0 - c * c) * m5
+    f0 = _dielectric_f0(b)
+    normal = (f0[0] + f0[1] + f0[2]) / 3.0
+    grazing = wp.min(wp.max(b.specular[0], wp.max(b.specular[1], b.specular[2])), 1.0)
+    under = _under_coat(b, c)
+    return (1.0 - (normal + (grazing - normal) * flat) * (1.0 - b.metallic)) * under * under
+
+
+@wp.func
 def _lobes(b: Bsdf, wo: wp.vec3) -> Lobes:
     lobes = Lobes()
     under = _under_coat(b, wo[2])

@@ -228,7 +228,7 @@ def make_cached(
                         out_met[i, pixel] = met_by(scene, sample)
                     where = wp.vec4(p[0], p[1], p[2], width_at(steering.cell, sample.depth))
                     layer = layer_of(sample.in_coat, holds_lamps(sample, steering), instance)
-                    kind = float(2 * layer) + wp.where(is_smooth(sample, steering), 1.0, 0.0)
+                    kind = float(2 * layer) + wp.where(is_smooth(sample, sample.in_coat, steering), 1.0, 0.0)
                     out_normals[i, pixel] = wp.vec4(n[0], n[1], n[2], kind)
                     out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
                     if not sample.in_coat:

@@ -98,18 +98,18 @@ class GatheredLight:
 
 
 @wp.func
-def is_smooth(sample: Sample, gathering: Gathering) -> bool:
+def is_smooth(sample: Sample, in_coat: bool, gathering: Gathering) -> bool:
     """Whether the cached light of a surface changes slowly from place to place: no direct light is in it.
 
-    It counts as smooth on plastics too, where finer cells took a twentieth more time in a room and gained nothing.
+    That of coats counts as smooth too: finer cells took a twentieth more time in a room and gained nothing.
     """
-    return gathering.lamps and (sample.lamp or sample.coat[0] > 0.0)
+    return gathering.lamps and (sample.lamp or in_coat)
 
 
 @wp.func
 def holds_lamps(sample: Sample, gathering: Gathering) -> bool:
     """Whether the cached light of a surface holds that of lamps, where it does not on most."""
-    return gathering.lamps and not sample.lamp and sample.coat[0] == 0.0
+    return gathering.lamps and not sample.lamp
 
 
 @wp.func
@@ -145,11 +145,11 @@ def light_of(
                 instance = first.instance
             distance_m = wp.length(place - at)
             s.covered += surfaces[k].share
-            smooth = is_smooth(first, gathering)
-            s.from_lamps += wp.where(smooth, 0.0, surfaces[k].share)
+            s.from_lamps += wp.where(is_smooth(first, False, gathering), 0.0, surfaces[k].share)
             # What lies below the coat, and then the coat.
             for in_coat in range(wp.where(surfaces[k].coat[0] > 0.0, 2, 1)):
                 whole = surfaces[k].albedo
+                smooth = is_smooth(first, in_coat == 1, gathering)
                 if in_coat == 1:
                     whole = surfaces[k].coat
                 differs = distance_m > _CLOSE * footprint_m or wp.dot(normal, facing) < _SAME_NORMAL

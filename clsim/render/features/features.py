@@ -9,6 +9,8 @@ from clsim.render.features.bsdf_kinds import KINDS
 from clsim.scene import Camera
 from clsim.scene.world import Kind, LensModel
 
+COATED = frozenset(("plastic", "principled"))
+"""Materials whose reflection is cached separately from the light on what lies below it."""
 Strategy = Literal["mis", "light", "scatter"]
 
 
@@ -204,7 +206,7 @@ class Features(SceneFeatures):
 def has_analytic_direct_light(scene: SceneFeatures, strategy: Strategy, light_cache: bool) -> bool:
     """Whether direct light may be analytic instead of being found by paths; under coats only where light is cached."""
     plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
-    lit = scene.diffuse_lit or (light_cache and "plastic" in scene.kinds)
+    lit = scene.diffuse_lit or (light_cache and not COATED.isdisjoint(scene.kinds))
     return plain and scene.few_lamps and lit and strategy == "mis"
 
 
@@ -239,7 +241,7 @@ def view_features(
         first_hits=first_hits,
         light_cache=light_cache,
         requests=requests,
-        coats=light_cache and "plastic" in scene.kinds and not scene.blends,
+        coats=light_cache and not scene.blends and not COATED.isdisjoint(scene.kinds),
         lamp_light=lamp_light,
         strategy=strategy,
         replay=replay,

@@ -16,7 +16,7 @@ from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import foresee_environment
 from clsim.render.emitters.light_tree import make_receiver
 from clsim.render.emitters.lights import NEVER
-from clsim.render.features.bsdf_kinds import PLASTIC
+from clsim.render.features.bsdf_kinds import PLASTIC, PRINCIPLED
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.paths.path_lights import Carried
@@ -123,7 +123,7 @@ def make_trace(
             was_primary = primary
             if primary:
                 passed_m += hit.t
-                albedo, coat, coated = colours(scene, bsdf, point, kept_normal, direction, tint)
+                albedo, coat, passing = colours(scene, bsdf, point, kept_normal, direction, tint)
                 sample.hit = True
                 sample.depth = passed_m
                 sample.normal = kept_normal
@@ -140,14 +140,19 @@ def make_trace(
                 if wp.static(features.coats):
                     sample.coat = coat
                     if wp.static(not primary_only):
-                        if coated:
+                        if passing < 1.0:
                             # Half of the paths find what the base sends out, half what the coat reflects.
                             sample.in_coat = (stream.key >> wp.uint64(20)) & wp.uint64(1) == wp.uint64(1)
                             if sample.in_coat:
                                 bsdf.color = wp.vec3()
+                                bsdf.specular = bsdf.specular * (1.0 - bsdf.metallic)
+                                bsdf.metallic = 0.0
                                 sample.albedo = coat
                             else:
                                 bsdf.specular = wp.vec3()
+                                bsdf.clearcoat = 0.0
+                                if bsdf.kind == PRINCIPLED:
+                                    bsdf.color = bsdf.color * passing
                 primary = False
                 if wp.static(features.follow_specular):
                     followed = bsdf.mirror

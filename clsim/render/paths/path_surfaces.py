@@ -7,9 +7,10 @@ import warp as wp
 
 from clsim.render.accel.geometry import Surface
 from clsim.render.bsdf.plastic import base_albedo, passing_out
+from clsim.render.bsdf.principled import passing_principled
 from clsim.render.camera.pixel_width import width_at
 from clsim.render.emitters.lights import LightSample
-from clsim.render.features.bsdf_kinds import DIFFUSE, PLASTIC
+from clsim.render.features.bsdf_kinds import DIFFUSE, PLASTIC, PRINCIPLED
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene
 from clsim.render.paths.towards_light import looks_ahead
@@ -30,8 +31,10 @@ def make_is_analytic(features: Features) -> Any:
     def is_analytic(materials: Materials, bsdf: Bsdf, material: int) -> bool:
         found = bool(bsdf.kind == DIFFUSE)
         if wp.static(features.coats):
-            smooth = materials.rows[material].roughness_texture < 0
-            found = found or (bsdf.kind == PLASTIC and not bsdf.dark and smooth)
+            even = materials.rows[material].roughness_texture < 0
+            found = found or (bsdf.kind == PLASTIC and not bsdf.dark and even)
+            lambertian = bsdf.metallic == 0.0 and bsdf.transmission == 0.0
+            found = found or (bsdf.kind == PRINCIPLED and not bsdf.dark and even and lambertian)
         return found
 
     return is_analytic
@@ -113,21 +116,27 @@ def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
     @wp.func(inline=True)
     def colours(
         scene: Scene, bsdf: Bsdf, point: Surface, kept_normal: wp.vec3, direction: wp.vec3, tint: wp.vec3
-    ) -> tuple[wp.vec3, wp.vec3, bool]:
-        """Return both, and whether there is a coat; ``tint`` is what mirrors on the way here left."""
+    ) -> tuple[wp.vec3, wp.vec3, float]:
+        """Return both, and which share of light passes the coat, 1 where there is none.
+
+        ``tint`` is what mirrors on the way here left.
+        """
         albedo = wp.cw_mul(tint, albedo_of(bsdf))
         coat = wp.vec3()
-        coated = bool(False)
+        passing = float(1.0)
         if wp.static(features.blends):
             albedo = wp.cw_mul(tint, mean_of_blend(scene.materials, point))
         if wp.static(features.coats):
-            coated = bsdf.kind == PLASTIC and not bsdf.dark
-            if coated:
+            if not bsdf.dark:
                 cosine = -wp.dot(direction, kept_normal)
-                passing = passing_out(scene.materials.transmittance, bsdf, cosine)
+                if bsdf.kind == PLASTIC:
+                    passing = passing_out(scene.materials.transmittance, bsdf, cosine)
+                    albedo = wp.cw_mul(tint, base_albedo(bsdf))
+                elif bsdf.kind == PRINCIPLED and bsdf.transmission == 0.0:
+                    passing = passing_principled(bsdf, cosine)
                 coat = tint * (1.0 - passing)  # type: ignore[assignment]
-                albedo = wp.cw_mul(tint, base_albedo(bsdf)) * passing  # type: ignore[operator]
-        return albedo, coat, coated
+                albedo = albedo * passing
+        return albedo, coat, passing
 
     return colours
 

@@ -1,4 +1,3 @@
-# ruff: noqa: SIM102
 """The four corners of a pixel, and what they tell of it, as Warp functions.
 
 ``corners[nearest]`` is what the top left one sees, and those below stand ``row`` farther on.
@@ -144,7 +143,8 @@ def make_flat_surfaces(textured: Any, coloured: Any, mean_texture: Any, albedo_o
         albedo = albedo_of(bsdf)
         if wp.static(coats):
             if bsdf.kind == PLASTIC and not bsdf.dark:
-                albedo = base_albedo(bsdf) * (1.0 - like.coat[0])
+                albedo = base_albedo(bsdf)
+            albedo = albedo * (1.0 - like.coat[0])
         return albedo
 
     return flat, mean_albedo
