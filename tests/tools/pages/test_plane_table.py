@@ -5,7 +5,7 @@ from pathlib import Path
 from clsim.frames import ALL_PLANES, EMISSION
 from tools.pages.plane_table import text
 
-PAGE = Path(__file__).parents[2] / "docs" / "planes.md"
+PAGE = Path(__file__).parents[3] / "docs" / "planes.md"
 
 
 def test_the_page_on_planes_is_current() -> None:
