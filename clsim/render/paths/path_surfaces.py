@@ -31,8 +31,11 @@ def make_is_analytic(features: Features) -> Any:
     def is_analytic(materials: Materials, bsdf: Bsdf, material: int) -> bool:
         found = bool(bsdf.kind == DIFFUSE)
         if wp.static(features.coats):
-            even = materials.rows[material].roughness_texture < 0
+            row = materials.rows[material]
+            even = row.roughness_texture < 0
             found = found or (bsdf.kind == PLASTIC and not bsdf.dark and even)
+            # Cells know the mean light of all that a normal map bends; to see each bend would take many rays.
+            even = even and row.normal_texture < 0 and row.bump_texture < 0
             lambertian = bsdf.metallic == 0.0 and bsdf.transmission == 0.0
             found = found or (bsdf.kind == PRINCIPLED and not bsdf.dark and even and lambertian)
         return found
