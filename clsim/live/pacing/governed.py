@@ -62,7 +62,7 @@ class Governed:
 
     @property
     def one_in(self) -> int:
-        """Frames of which one is rendered, from the one that was begun last on."""
+        """Frames of which one is rendered from now on; all of the warm-up are."""
         return self._applied.one_in if self._frames >= WARM_UP_FRAMES else 1
 
     @property

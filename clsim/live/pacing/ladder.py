@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
 
 _OFTEN_HZ, _SELDOM_HZ = 60.0, 10.0
-"""Frames a second that are kept until all else is given up, and then."""
+"""Frames a second above which frames are given up first, and above which they are once all else is."""
 _LEAST_RAYS = 8
 """First-hit rays below which a pixel's corners are not shared: 4 cost as much as 32, and 1 loses half of the score."""
 _LEAST_EVERY = 4
@@ -20,7 +19,7 @@ _PATH = {False: 4.0, True: 1.0}
 _PIXEL = {False: 1.5, True: 6.0}
 """What a pixel costs besides its rays and paths."""
 _RAY = 0.12
-"""A first-hit ray beyond the first ones, for few are traced where nothing varies."""
+"""A first-hit ray of the largest number, for few are traced where nothing varies."""
 _INTEREST_SHARE = 0.4
 """Share of the pixels that get all light paths."""
 
@@ -94,8 +93,7 @@ def ladder(best: Level, fps: float = 0.0) -> list[Level]:
 
     Where first-hit rays change, so does a still picture, and references must be reset.
     """
-    levels = list(_down(best, fps))
-    return [best, *(below for above, below in pairwise(levels) if below.cost < above.cost)]
+    return list(_down(best, fps))
 
 
 def _down(level: Level, fps: float) -> Iterator[Level]:
