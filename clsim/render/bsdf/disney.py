@@ -10,7 +10,7 @@ import warp as wp
 
 from clsim.render.bsdf.parts import Scattered, Scattering
 from clsim.render.sampling.sampling import around, cosine_hemisphere, luminance
-from clsim.render.surfaces.materials import Bsdf, MaterialRow, Materials
+from clsim.render.surfaces.materials import BASE, REFLECTION, Bsdf, MaterialRow, Materials
 from clsim.render.surfaces.microfacet import (
     SMOOTH,
     evened,
@@ -71,7 +71,12 @@ def _reflectance(row: MaterialRow, b: Bsdf, cosine: float) -> wp.vec3:
         r = (b.eta - 1.0) / (b.eta + 1.0)
         tinted = schlick(cosine, _hue(b.color) * (r * r)) * row.specular_tint
         plain = clear * (1.0 - row.specular_tint)
-        color = (tinted + wp.vec3(plain, plain, plain)) * (1.0 - b.metallic) + schlick(cosine, b.color) * b.metallic
+        color = (tinted + wp.vec3(plain, plain, plain)) * (1.0 - b.metallic)
+        metal = schlick(cosine, b.color) * b.metallic
+        if b.part == BASE:
+            color = metal
+        elif b.part != REFLECTION:
+            color += metal
     return color
 
 
@@ -95,8 +100,9 @@ def _lobes(row: MaterialRow, b: Bsdf, wo: wp.vec3) -> DisneyLobes:
     lobes.specular = luminance(_reflectance(row, b, wo[2])) + _passing(b, wo[2])
     if not _inside(b):
         lobes.coat = _COAT_SHARE * b.clearcoat * (_COAT_F0 + (1.0 - _COAT_F0) * _weight(wo[2]))
-        base = (1.0 - b.transmission) * luminance(b.color) + row.sheen * _weight(wo[2])
-        lobes.diffuse = (1.0 - b.metallic) * base
+        base = (1.0 - b.transmission) * luminance(b.color) * wp.where(b.part == REFLECTION, 0.0, 1.0)
+        sheen = row.sheen * _weight(wo[2]) * wp.where(b.part == BASE, 0.0, 1.0)
+        lobes.diffuse = (1.0 - b.metallic) * (base + sheen)
     total = wp.max(lobes.coat + lobes.specular + lobes.diffuse, 1.0e-20)
     lobes.coat = lobes.coat / total
     lobes.specular = lobes.specular / total
@@ -116,7 +122,42 @@ def _base(row: MaterialRow, b: Bsdf, wo: wp.vec3, wi: wp.vec3, h: wp.vec3) -> wp
     flat = 1.25 * (beneath * (1.0 / (wo[2] + wi[2]) - 0.5) + 0.5)
     base = b.color * ((1.0 - b.transmission) * wp.lerp(round_, flat, row.flatness) / wp.pi)
     cloth = wp.lerp(wp.vec3(1.0, 1.0, 1.0), _hue(b.color), row.sheen_tint) * (row.sheen * _weight(half_way))
-    return (base + cloth) * ((1.0 - b.metallic) * wi[2])
+    sent = base + cloth
+    if b.part == BASE:
+        sent = base
+    elif b.part == REFLECTION:
+        sent = cloth
+    return sent * ((1.0 - b.metallic) * wi[2])
+
+
+@wp.func
+def base_disney(b: Bsdf, cosine: float) -> float:
+    """Return the share of white light from all around that a white base sends in a direction; metal counts as base.
+
+    It is the integral of `_base` without flatness: that of 2 c (1 − c)⁵ cᵏ is 1/21, 1/84, 1/252 for k = 0, 1, 2.
+    """
+    c = wp.clamp(cosine, 0.0, 1.0)
+    out = _weight(c)
+    rough = wp.sqrt(wp.max(b.alpha, SMOOTH))
+    once = rough * (1.0 / 21.0 + c / 84.0)
+    twice = rough * rough * (1.0 / 21.0 + c / 42.0 + c * c / 252.0 + 0.5 * (1.0 - c * c) * (1.0 / 21.0 - 1.0 / 252.0))
+    round_ = (1.0 - 0.5 * out) * (41.0 / 42.0) + rough * out * (1.0 + 2.0 / 3.0 * c) + once + out * (twice - once)
+    return wp.lerp(round_, 1.0, b.metallic)
+
+
+@wp.func
+def reflection_disney(materials: Materials, b: Bsdf, cosine: float) -> float:
+    """Return about the share of white light from all around that the rest sends in a direction, of glass nothing.
+
+    How it changes with the angle is what counts, as cells remember light from other angles. Sheen is .088 (1 − cos)²
+    within .01; facets are Fresnel's term at a steeper angle, by how rough they are, within two fifths.
+    """
+    row = materials.rows[b.row]
+    c = wp.clamp(cosine, 0.0, 1.0)
+    steeper = c + 0.6 * wp.sqrt(b.alpha) * (1.0 - 0.3 * b.alpha) * (1.0 - c)
+    clear = fresnel_dielectric(steeper, b.eta)[0] + 0.088 * row.sheen * (1.0 - c) * (1.0 - c)
+    coat = _COAT_SHARE * b.clearcoat * (_COAT_F0 + (1.0 - _COAT_F0) * _weight(c))
+    return clear * (1.0 - b.metallic) + coat
 
 
 @wp.func

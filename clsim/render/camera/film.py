@@ -21,8 +21,9 @@ class Sample:
     ``front`` tell where on its surface that is; ``material`` is its number from 1, and ``triangle`` tells the triangle
     from others, both 0 where a mirror showed it.
 
-    ``coat`` is the albedo of a coat whose light is cached separately, and ``albedo`` then that of what lies below. Of a
-    path, ``in_coat`` is whether it found what the coat reflects, and so has ``coat`` for its albedo.
+    ``coat`` is the albedo of a coat whose light is cached separately, and ``albedo`` then that of what lies below; over
+    its colour, that is ``passing``. Of a path, ``in_coat`` is whether it found what the coat reflects, and so has
+    ``coat`` for its albedo.
 
     ``lamp`` is whether direct light is analytic (``lamp_light.py``); under a coat, ``coated_by`` is the number of its
     material from 1. A shadow ray to a place on a lamp carries
@@ -46,6 +47,7 @@ class Sample:
     material: int
     triangle: int
     coat: wp.vec3
+    passing: float
     in_coat: bool
     lamp: bool
     coated_by: int

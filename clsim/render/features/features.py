@@ -9,8 +9,10 @@ from clsim.render.features.bsdf_kinds import KINDS
 from clsim.scene import Camera
 from clsim.scene.world import Kind, LensModel
 
-COATED = frozenset(("plastic", "principled"))
+COATED = frozenset(("plastic", "principled", "disney"))
 """Materials whose reflection is cached separately from the light on what lies below it."""
+LAMBERTIAN_BELOW = frozenset(("plastic", "principled"))
+"""Those of them whose lamps' light on what lies below is known in closed form."""
 Strategy = Literal["mis", "light", "scatter"]
 
 
@@ -206,7 +208,7 @@ class Features(SceneFeatures):
 def has_analytic_direct_light(scene: SceneFeatures, strategy: Strategy, light_cache: bool) -> bool:
     """Whether direct light may be analytic instead of being found by paths; under coats only where light is cached."""
     plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
-    lit = scene.diffuse_lit or (light_cache and not COATED.isdisjoint(scene.kinds))
+    lit = scene.diffuse_lit or (light_cache and not LAMBERTIAN_BELOW.isdisjoint(scene.kinds))
     return plain and scene.few_lamps and lit and strategy == "mis"
 
 

@@ -16,11 +16,11 @@ from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import foresee_environment
 from clsim.render.emitters.light_tree import make_receiver
 from clsim.render.emitters.lights import NEVER
-from clsim.render.features.bsdf_kinds import PLASTIC, PRINCIPLED
+from clsim.render.features.bsdf_kinds import PLASTIC
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.paths.path_lights import Carried
-from clsim.render.paths.path_surfaces import make_is_analytic
+from clsim.render.paths.path_surfaces import make_is_analytic, one_part
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
 from clsim.render.surfaces.absorption import absorption_towards, dimmed
@@ -139,20 +139,14 @@ def make_trace(
                 sample.albedo = albedo
                 if wp.static(features.coats):
                     sample.coat = coat
+                    sample.passing = passing
                     if wp.static(not primary_only):
-                        if passing < 1.0:
+                        if coat[0] > 0.0:
                             # Half of the paths find what the base sends out, half what the coat reflects.
                             sample.in_coat = (stream.key >> wp.uint64(20)) & wp.uint64(1) == wp.uint64(1)
+                            bsdf = one_part(bsdf, sample.in_coat, passing)
                             if sample.in_coat:
-                                bsdf.color = wp.vec3()
-                                bsdf.specular = bsdf.specular * (1.0 - bsdf.metallic)
-                                bsdf.metallic = 0.0
                                 sample.albedo = coat
-                            else:
-                                bsdf.specular = wp.vec3()
-                                bsdf.clearcoat = 0.0
-                                if bsdf.kind == PRINCIPLED:
-                                    bsdf.color = bsdf.color * passing
                 primary = False
                 if wp.static(features.follow_specular):
                     followed = bsdf.mirror

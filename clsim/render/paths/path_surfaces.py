@@ -6,18 +6,19 @@ from typing import Any
 import warp as wp
 
 from clsim.render.accel.geometry import Surface
+from clsim.render.bsdf.disney import base_disney, reflection_disney
 from clsim.render.bsdf.plastic import base_albedo, passing_out
 from clsim.render.bsdf.principled import passing_principled
 from clsim.render.camera.pixel_width import width_at
 from clsim.render.emitters.lights import LightSample
-from clsim.render.features.bsdf_kinds import DIFFUSE, PLASTIC, PRINCIPLED
+from clsim.render.features.bsdf_kinds import DIFFUSE, DISNEY, PLASTIC, PRINCIPLED
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene
 from clsim.render.paths.towards_light import looks_ahead
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
 from clsim.render.surfaces.blends import FIRST, mixes_textures
-from clsim.render.surfaces.materials import Bsdf, Materials, has_details
+from clsim.render.surfaces.materials import BASE, REFLECTION, Bsdf, Materials, has_details
 from clsim.render.textures.ray_footprint import patch_round
 
 _PLACES = wp.constant(8)
@@ -120,9 +121,9 @@ def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
     def colours(
         scene: Scene, bsdf: Bsdf, point: Surface, kept_normal: wp.vec3, direction: wp.vec3, tint: wp.vec3
     ) -> tuple[wp.vec3, wp.vec3, float]:
-        """Return both, and which share of light passes the coat, 1 where there is none.
+        """Return both, and which share of light the base sends through the coat.
 
-        ``tint`` is what mirrors on the way here left.
+        Where there is none, that is 1 and the coat's albedo is 0. ``tint`` is what mirrors on the way here left.
         """
         albedo = wp.cw_mul(tint, albedo_of(bsdf))
         coat = wp.vec3()
@@ -138,10 +139,33 @@ def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
                 elif bsdf.kind == PRINCIPLED and bsdf.transmission == 0.0:
                     passing = passing_principled(bsdf, cosine)
                 coat = tint * (1.0 - passing)  # type: ignore[assignment]
+                if wp.static("disney" in features.kinds):
+                    if bsdf.kind == DISNEY and bsdf.transmission == 0.0:
+                        passing = base_disney(bsdf, cosine)
+                        coat = tint * reflection_disney(scene.materials, bsdf, cosine)  # type: ignore[assignment]
                 albedo = albedo * passing
         return albedo, coat, passing
 
     return colours
+
+
+@wp.func
+def one_part(whole: Bsdf, in_coat: bool, passing: float) -> Bsdf:
+    """Return what reflects of a material, or else its base, of which ``passing`` is what `make_colours` returns."""
+    part = whole
+    if whole.kind == DISNEY:
+        part.part = wp.where(in_coat, REFLECTION, BASE)
+    elif in_coat:
+        part.color = wp.vec3()
+        part.specular = whole.specular * (1.0 - whole.metallic)  # type: ignore[assignment]
+        part.metallic = 0.0
+    else:
+        part.specular = wp.vec3()
+        if whole.kind == PRINCIPLED:
+            part.color = whole.color * passing  # type: ignore[assignment]
+    if not in_coat:
+        part.clearcoat = 0.0
+    return part
 
 
 def make_detailed(features: Features, textured: Any) -> Any:

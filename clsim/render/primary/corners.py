@@ -98,12 +98,14 @@ def centre_surface(
         surfaces[0].albedo = wp.vec3()
         if coats:
             surfaces[0].coat = wp.vec3()
+            surfaces[0].passing = 0.0
         for i in range(4):
             corner = corners[nearest + (i & 1) + (i // 2) * row]
             surfaces[0].emission += 0.25 * corner.emission
             surfaces[0].albedo += 0.25 * lit_albedo(corner)
             if coats:
                 surfaces[0].coat += 0.25 * corner.coat
+                surfaces[0].passing += 0.25 * corner.passing
     p = corners[nearest].position + corners[nearest + 1].position
     surfaces[0].position = 0.25 * (p + corners[nearest + row].position + corners[nearest + row + 1].position)
     r = corners[nearest].rest + corners[nearest + 1].rest
@@ -144,7 +146,7 @@ def make_flat_surfaces(textured: Any, coloured: Any, mean_texture: Any, albedo_o
         if wp.static(coats):
             if bsdf.kind == PLASTIC and not bsdf.dark:
                 albedo = base_albedo(bsdf)
-            albedo = albedo * (1.0 - like.coat[0])
+            albedo = albedo * like.passing
         return albedo
 
     return flat, mean_albedo

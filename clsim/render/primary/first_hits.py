@@ -172,7 +172,7 @@ def make_sample_primary(
         """Give the one surface that a pixel shows the mean albedo of its texture."""
         like = corner
         if wp.static(coats):
-            like.coat = surfaces[0].coat
+            like.passing = surfaces[0].passing
         albedo = mean_albedo(scene, like, footprint, texels)
         surfaces[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
 

@@ -36,7 +36,7 @@ class SeenSurface:
         first: the first ray's sample of it.
         rays: number of rays that count for its means.
         share: its share of the pixel's area.
-        albedo, coat, emission, position, normal, depth: sums over these rays, and means in the end; albedo is
+        albedo, coat, passing, emission, position, normal, depth: sums over these rays, and means in the end; albedo is
             `lit_albedo`, and all but emission are 0 where nothing was hit.
         lamp_all, lamp_lit: sums of what its rays' ways to lamps carry.
         from_lamps: the part of ``emission`` that is direct light, once that was added.
@@ -48,6 +48,7 @@ class SeenSurface:
     share: float
     albedo: wp.vec3
     coat: wp.vec3
+    passing: float
     emission: wp.vec3
     position: wp.vec3
     normal: wp.vec3
@@ -125,6 +126,7 @@ def add_to_surface(surfaces: wp.array[SeenSurface], k: int, sample: Sample, coat
         surfaces[k].albedo += lit_albedo(sample)
         if coats:
             surfaces[k].coat += sample.coat
+            surfaces[k].passing += sample.passing
         surfaces[k].position += sample.position
         surfaces[k].rest += sample.rest
         surfaces[k].normal += sample.normal
@@ -150,6 +152,7 @@ def finish_surfaces(surfaces: wp.array[SeenSurface], number: int, straight: bool
             surfaces[k].albedo = surfaces[k].albedo / mine
             if coats:
                 surfaces[k].coat = surfaces[k].coat / mine
+                surfaces[k].passing = surfaces[k].passing / mine
             surfaces[k].position = surfaces[k].position / mine
             surfaces[k].rest = surfaces[k].rest / mine
             surfaces[k].normal = surfaces[k].normal / mine
@@ -162,6 +165,7 @@ def finish_surfaces(surfaces: wp.array[SeenSurface], number: int, straight: bool
                 surfaces[k].albedo = lit_albedo(first)
                 if coats:
                     surfaces[k].coat = first.coat
+                    surfaces[k].passing = first.passing
                 surfaces[k].position = first.position
                 surfaces[k].rest = first.rest
                 surfaces[k].normal = first.normal
@@ -177,6 +181,7 @@ def resume_surfaces(surfaces: wp.array[SeenSurface], number: int) -> None:
         surfaces[k].from_lamps = wp.vec3()
         surfaces[k].albedo = surfaces[k].albedo * mine
         surfaces[k].coat = surfaces[k].coat * mine
+        surfaces[k].passing = surfaces[k].passing * mine
         surfaces[k].position = surfaces[k].position * mine
         surfaces[k].rest = surfaces[k].rest * mine
         surfaces[k].normal = surfaces[k].normal * mine
