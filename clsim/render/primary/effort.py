@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,24 +27,18 @@ _INSIDE = 4
 where that is more …"""
 _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and if they are, pairs of a number and the rays inside below it: these find what is smaller than a pixel."""
-_IN_SHADOW = 8
-"""Primary rays in a part-lit pixel, over the root of those in one that shows several surfaces."""
-_MOST_IN_SHADOW = 2
-"""The former are at most so many times the latter."""
+_IN_SHADOW = 128
+"""The square of the primary rays in a part-lit pixel is at most so many times those in one of several surfaces, …"""
+_MOST_IN_SHADOW = 4
+"""… and the former at most so many times the latter."""
 _AT_CONTRAST = 16
-"""Largest multiple of the primary rays where surfaces differ in brightness, with cached light …"""
-_ENOUGH_FOR_CONTRAST = 16
-"""… if there are so many of these rays."""
-_ENOUGH_TO_REFINE = 12
-"""Primary rays from which on more are used where an event is near, …"""
+"""Largest multiple of the primary rays where surfaces differ in brightness, with cached light."""
 _AT_EVENT, _AT_EVENT_CACHED = 6, 8
-"""… at most so many times as many, the second with cached light, …"""
+"""Largest multiple of them where an event is near, the second with cached light, …"""
 _MOST_COUNT = 1024
 """… and the most then."""
-_ENOUGH_TO_ASK = 16
-"""Primary rays from which on each corner traces a shadow ray, with cached light."""
 ENOUGH_FOR_EDGES = 8
-"""Primary rays from which on corners are sampled, and edges placed."""
+"""Primary rays from which on corners are sampled, edges placed, and more rays used where they help."""
 _AHEAD = DELAY + 0.5
 """Steps by which a change is drawn out, from the map's frame to half a step beyond the one that is rendered."""
 
@@ -57,8 +52,8 @@ class Effort:
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
         first_hit_rays: primary rays where a pixel shows more than one surface. Where direct light is analytic, a
-            part-lit pixel gets at least eight times the root of that, but no more than twice as many; of one that shows
-            one triangle three in four are shadow rays alone, or all where nothing is smaller than a pixel.
+            part-lit pixel gets more, `rays_in_shadow`; of one that shows one triangle three in four are shadow rays
+            alone, or all where nothing is smaller than a pixel.
         every: a pixel that needs no more is probed in every n-th frame, at another phase than its neighbours.
     """
 
@@ -97,6 +92,12 @@ class PrimarySetup:
     lamps: bool = False
 
 
+def rays_in_shadow(first_hit_rays: int) -> int:
+    """Return how many primary rays a part-lit pixel gets: a power of two, as Sobol's points are most even then."""
+    most = min(math.isqrt(_IN_SHADOW * first_hit_rays), _MOST_IN_SHADOW * first_hit_rays)
+    return 1 << (most.bit_length() - 1)
+
+
 def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: bool = False) -> Any:
     """Return how many primary rays a pixel gets by what it shows.
 
@@ -108,12 +109,11 @@ def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: b
     primary_rays: Any = PrimaryRays()
     primary_rays.most, primary_rays.pixel = first_hit_rays, wp.vec2(*primary_setup.pixel)
     primary_rays.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
-    if cached and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
+    if cached and first_hit_rays >= ENOUGH_FOR_EDGES:
         primary_rays.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT)
-    if first_hit_rays >= _ENOUGH_TO_REFINE:
+    if first_hit_rays >= ENOUGH_FOR_EDGES:
         primary_rays.at_event = min((_AT_EVENT_CACHED if cached else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
-    primary_rays.few_ask = cached and first_hit_rays < _ENOUGH_TO_ASK
-    primary_rays.in_shadow = min(round(_IN_SHADOW * first_hit_rays**0.5), _MOST_IN_SHADOW * first_hit_rays)
+    primary_rays.in_shadow = rays_in_shadow(first_hit_rays)
     if primary_setup.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
         beside_corners = first_hit_rays // 4 if primary_setup.lamps else first_hit_rays
         primary_rays.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)

@@ -75,13 +75,10 @@ def _pixel_below(corner: int, width: int) -> int:
 
 
 @wp.func
-def _rim_of(corner: int, width: int, few_ask: bool) -> int:
-    """Return which place on a lamp's rim a corner asks for: each of a pixel's four asks another one, or two do."""
+def _rim_of(corner: int, width: int) -> int:
+    """Return which place on a lamp's rim a corner asks for: each of a pixel's four asks another one."""
     line = corner // (width + 1)
-    rim = ((corner - line * (width + 1)) & 1) + 2 * (line & 1)
-    if few_ask and (rim == 1 or rim == 2):
-        rim = AT_NONE
-    return rim
+    return ((corner - line * (width + 1)) & 1) + 2 * (line & 1)
 
 
 @wp.func
@@ -331,7 +328,7 @@ def make_sample_primary(
             to_lamps = wp.where(places, AT_NONE, AT_ANY)
             if wp.static(edges):
                 if corner >= 0:
-                    to_lamps = _rim_of(corner, settings.width, primary_rays.few_ask)
+                    to_lamps = _rim_of(corner, settings.width)
             # Rays inside a pixel that shows many surfaces share its area, and so the textures in it.
             width = primary_rays.pixel / wp.sqrt(float(primary_rays.most))
             if corner >= 0 or places or edge.flat:

@@ -22,7 +22,6 @@ class PrimaryRays:
         pixel: how wide a pixel is (`pixel_width.py`).
         at_contrast: largest number where surfaces are of very different brightness; up to ``most`` for no more.
         at_event: largest number near an event, where shares are counted.
-        few_ask: whether two of a pixel's corners trace shadow rays, instead of all four.
     """
 
     most: int
@@ -34,7 +33,6 @@ class PrimaryRays:
     pixel: wp.vec2
     at_contrast: int
     at_event: int
-    few_ask: bool
 
 
 @wp.func
