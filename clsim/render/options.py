@@ -64,7 +64,7 @@ class RenderOptions:
     first_hit_rays: int = 0
     """Primary rays, which find the first hit alone, in a pixel that shows more than one surface; 0 for none.
 
-    From 8 on, several times as many are traced where a pixel is about to fire, if thresholds are known.
+    From 12 on, several times as many are traced where a pixel is about to fire, if thresholds are known.
     Where a few lamps shine on diffuse surfaces, direct light is analytic there, and its shadows are traced: without
     noise where nothing stands between. A part-lit pixel then gets more of them: 32 of 8, 64 of 32.
     They give the features and the light seen directly, and paths only the irradiance, so that textures and edges are

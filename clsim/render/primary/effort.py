@@ -33,12 +33,15 @@ _MOST_IN_SHADOW = 4
 """… and the former at most so many times the latter."""
 _AT_CONTRAST = 16
 """Largest multiple of the primary rays where surfaces differ in brightness, with cached light."""
+_ENOUGH_TO_REFINE = 12
+"""Primary rays from which on there are more where that helps. Of fewer, a pixel that gets more shows another brightness
+than before, by as much as an event."""
 _AT_EVENT, _AT_EVENT_CACHED = 6, 8
 """Largest multiple of them where an event is near, the second with cached light, …"""
 _MOST_COUNT = 1024
 """… and the most then."""
 ENOUGH_FOR_EDGES = 8
-"""Primary rays from which on corners are sampled, edges placed, and more rays used where they help."""
+"""Primary rays from which on corners are sampled, and edges placed."""
 _AHEAD = DELAY + 0.5
 """Steps by which a change is drawn out, from the map's frame to half a step beyond the one that is rendered."""
 
@@ -109,9 +112,8 @@ def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: b
     primary_rays: Any = PrimaryRays()
     primary_rays.most, primary_rays.pixel = first_hit_rays, wp.vec2(*primary_setup.pixel)
     primary_rays.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
-    if cached and first_hit_rays >= ENOUGH_FOR_EDGES:
-        primary_rays.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT)
-    if first_hit_rays >= ENOUGH_FOR_EDGES:
+    if first_hit_rays >= _ENOUGH_TO_REFINE:
+        primary_rays.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT) if cached else 0
         primary_rays.at_event = min((_AT_EVENT_CACHED if cached else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
     primary_rays.in_shadow = rays_in_shadow(first_hit_rays)
     if primary_setup.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
