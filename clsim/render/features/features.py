@@ -243,7 +243,7 @@ def view_features(
         first_hits=first_hits,
         light_cache=light_cache,
         requests=requests,
-        coats=light_cache and not scene.blends and not COATED.isdisjoint(scene.kinds),
+        coats=light_cache and not COATED.isdisjoint(scene.kinds),
         lamp_light=lamp_light,
         strategy=strategy,
         replay=replay,

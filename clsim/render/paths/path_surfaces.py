@@ -128,10 +128,13 @@ def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
         albedo = wp.cw_mul(tint, albedo_of(bsdf))
         coat = wp.vec3()
         passing = float(1.0)
+        alone = bool(True)
         if wp.static(features.blends):
             albedo = wp.cw_mul(tint, mean_of_blend(scene.materials, point))
+            alone = scene.materials.rows[point.material].blend_with < 0
         if wp.static(features.coats):
-            if not bsdf.dark:
+            # Of a blend, one material is drawn, and all that any of them sends out counts as light of the blend.
+            if alone and not bsdf.dark:
                 cosine = -wp.dot(direction, kept_normal)
                 if bsdf.kind == PLASTIC:
                     passing = passing_out(scene.materials.transmittance, bsdf, cosine)

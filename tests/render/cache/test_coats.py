@@ -118,12 +118,12 @@ def truth(colors, sent_back):
     return np.array(found)
 
 
-@pytest.mark.parametrize("kind", ["plastic", "nonlinear", "principled", "disney"])
+@pytest.mark.parametrize("kind", ["plastic", "nonlinear", "principled", "disney", "principled in a scene with a blend"])
 def test_a_coat_over_a_checkerboard_in_white_light_is_the_closed_form(kind):
     """Squares of high contrast, larger than pixels and smaller. White comes back whole; Disney's adds some."""
     colors = (1.0, 0.9, 0.95), (0.05, 0.1, 0.95)
     board = CheckerTexture(*colors, scale=SCALE)
-    if kind == "principled":
+    if kind.startswith("principled"):
         coated = Material(kind="principled", color=(1.0, 1.0, 1.0), ior=1.5, alpha=0.5, texture=0)
     elif kind == "disney":
         coat = {"sheen": 0.5, "clearcoat": 1.0, "clearcoat_alpha": COAT_ALPHA}
@@ -131,10 +131,15 @@ def test_a_coat_over_a_checkerboard_in_white_light_is_the_closed_form(kind):
     else:
         coated = Material(kind="plastic", color=(1.0, 1.0, 1.0), ior=INDEX, nonlinear=kind == "nonlinear", texture=0)
     floor = hw.quad((-SIDE_M / 2, 0, SIDE_M / 2), (SIDE_M, 0, 0), (0, 0, -SIDE_M))
+    materials, meshes = (coated,), (floor,)
+    if "blend" in kind:
+        blended = Material(blend_with=2, blend_share=0.5)
+        materials = coated, blended, Material(kind="plastic")
+        meshes = floor, hw.quad((-1, -1, 1), (2, 0, 0), (0, 0, -2), 1)
     view = hw.camera(hw.look_from(EYE, (0, 0, 0)), WIDTH, HEIGHT, FOV_DEG)
-    world = hw.world(floor, materials=(coated,), textures=(board,), view=view, environment=(1.0, 1.0, 1.0))
+    world = hw.world(*meshes, materials=materials, textures=(board,), view=view, environment=(1.0, 1.0, 1.0))
     cached = Run(world, light_cache=True, spp=16, probe_spp=4, first_hit_rays=32).fill(0).planes[:3]
-    if kind == "principled":
+    if kind.startswith("principled"):
         true = truth(colors, lambda cosine, pair: principled(cosine, pair, 0.5))
     elif kind == "disney":
         true = truth(colors, lambda cosine, pair: disney(cosine, pair, 0.5))
@@ -145,5 +150,7 @@ def test_a_coat_over_a_checkerboard_in_white_light_is_the_closed_form(kind):
     np.testing.assert_allclose(cached.mean(axis=(1, 2)), true.mean(axis=(1, 2)), rtol=0.004)
     relative = np.tensordot(LUMINANCE, cached, 1) / np.tensordot(LUMINANCE, true, 1)
     # Of a few pixels few rays tell how much of which colour they show; seen at a flat angle, cells are wide.
-    assert np.quantile(np.abs(relative - 1), 0.99) < (0.06 if kind in ("principled", "disney") else 0.03), relative
+    assert np.quantile(np.abs(relative - 1), 0.99) < (0.06 if kind.startswith(("principled", "disney")) else 0.03), (
+        relative
+    )
     assert np.abs(relative - 1).mean() < 0.01, relative
