@@ -6,6 +6,7 @@ import atexit
 import errno
 import gc
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Callable
@@ -23,6 +24,8 @@ def main() -> None:
     atexit.register(gc.freeze)
     # Matrices are small here. NumPy's threads for large ones would wait for them, and not idly.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Who asks a run to end, as schedulers and containers do, wants its files whole and its summary, as of Ctrl-C.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     from clsim.cli.streams import keep_streams
 
     keep_streams()

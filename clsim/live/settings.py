@@ -18,8 +18,7 @@ from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.sensors import read_sensor
 from clsim.scene.trajectories.trajectory import Axes, Interpolation
 from clsim.sensor.settings import SensorSettings
-from clsim.truth.layouts import check_layouts, layout_of
-from clsim.truth.names import truth_names
+from clsim.truth.layouts import held_by, layout_of
 from clsim.values import read_fields
 
 LIVE_GATES = ("delta-r", "radiance")
@@ -223,7 +222,7 @@ class OutputSettings(Group):
     truth: tuple[str, ...] = ()
     """What is recorded beside the events, such as depth and flow.
 
-    It is all, none, or of `clsim.truth.TRUTH_NAMES`.
+    It is all that outputs can hold, none, or of `clsim.truth.TRUTH_NAMES`.
     """
     frame_rate: float | None = None
     """Frames of ``truth`` per simulated second; goes into ``fps`` without a rest. [all that are rendered]"""
@@ -236,15 +235,13 @@ class OutputSettings(Group):
 
     def _check(self) -> None:
         super()._check()
-        object.__setattr__(self, "truth", truth_names(self.truth))
+        object.__setattr__(self, "truth", held_by(self.outputs, self.truth))
         for name in ("frame_rate", "pose_rate", "imu_rate"):
             rate = getattr(self, name)
             if rate is not None and not 0 < rate <= LARGEST_FPS:
                 raise InputError(f"`{name}` must be positive and at most {LARGEST_FPS}, got {rate:g}")
         if self.frame_rate is not None and not self.truth:
             raise InputError("`frame_rate` is that of `truth`; say what shall be recorded")
-        if self.truth and self.outputs:
-            check_layouts(self.outputs, self.truth)
         self._check_files()
 
     def _check_files(self) -> None:

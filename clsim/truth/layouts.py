@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from clsim.errors import InputError
 from clsim.events.sockets.address import is_address
+from clsim.truth.names import truth_names
 
 if TYPE_CHECKING:
     from clsim.truth.record import About, Layout
@@ -67,16 +68,24 @@ def layout_of(name: str) -> LayoutKind | None:
     return next((kind for kind in LAYOUTS if plain.endswith(kind.endings)), None)
 
 
-def check_layouts(outputs: Sequence[str], truth: Sequence[str]) -> None:
-    """Raise InputError unless each thing asked for can be held by one of the outputs, and each output be written."""
+def held_by(outputs: Sequence[str], asked: Sequence[str]) -> tuple[str, ...]:
+    """Return what is recorded of the truth that is asked for; ``all`` is all that one of the outputs can hold.
+
+    Raises:
+        InputError: a name is unknown, or fits none of the outputs.
+    """
+    names = truth_names(asked)
+    if not names or not outputs:
+        return names
     kinds = [(name, kind) for name in outputs if (kind := layout_of(name)) is not None]
     if not kinds:
         endings = ", ".join(ending for kind in LAYOUTS for ending in kind.endings)
         raise InputError(f"`truth` needs an output that can hold it; name one in `outputs` that ends in {endings}")
-    for asked in truth:
-        if not any(asked in kind.holds for _, kind in kinds):
-            able = ", ".join(kind.endings[0] for kind in LAYOUTS if asked in kind.holds)
-            raise InputError(f"`truth` {asked} fits none of the outputs; name one in `outputs` that ends in {able}")
+    for name in asked:
+        if name != "all" and not any(name in kind.holds for _, kind in kinds):
+            able = ", ".join(kind.endings[0] for kind in LAYOUTS if name in kind.holds)
+            raise InputError(f"`truth` {name} fits none of the outputs; name one in `outputs` that ends in {able}")
+    return tuple(name for name in names if any(name in kind.holds for _, kind in kinds))
 
 
 def check_place(name: str) -> None:

@@ -108,8 +108,17 @@ def test_json_summary_and_text_on_standard_output() -> None:
     assert len(lines) == summary["events"] and all(len(line.split()) == 4 for line in lines)
 
 
-@pytest.mark.parametrize("more", [(), pytest.param(("--frames",), marks=pytest.mark.slow)], ids=["events", "frames"])
-def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path, more: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("more", "asked"),
+    [
+        ((), signal.SIGINT),
+        pytest.param((), signal.SIGTERM, id="terminated"),
+        pytest.param(("--frames",), signal.SIGINT, marks=pytest.mark.slow, id="frames"),
+    ],
+)
+def test_an_interrupt_ends_within_a_second_with_readable_files(
+    tmp_path: Path, more: tuple[str, ...], asked: signal.Signals
+) -> None:
     if more:
         pytest.importorskip("dv_processing", reason="frames beside events need the dv extra")
     out = tmp_path / "events.aedat4"
@@ -121,7 +130,7 @@ def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path, m
         deadline = time.monotonic() + 60
         while (not out.exists() or out.stat().st_size < 20_000) and time.monotonic() < deadline:
             time.sleep(0.05)
-        run.send_signal(signal.SIGINT)
+        run.send_signal(asked)
         stdout, stderr = run.communicate(timeout=30)
     finally:
         run.kill()

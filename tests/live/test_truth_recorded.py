@@ -12,8 +12,10 @@ import clsim
 from clsim.errors import InputError
 from clsim.events import CAUSES
 from clsim.events.outputs import FileOptions
+from clsim.live.settings import OutputSettings
 from clsim.sensor import SensorSettings
 from clsim.sensor.pixel_stages import Leak
+from clsim.truth.names import TRUTH_NAMES
 
 SIZE = (32, 24)
 
@@ -80,6 +82,7 @@ def test_labels_tell_cause_and_object_in_every_file_that_holds_them(tmp_path: Pa
         ({"truth": "depth", "outputs": "a.h5", "files": FileOptions(labels=True)}, "add labels to `truth`"),
         ({"truth": "colour"}, r"`truth` 'colour' is unknown; expected all, none, or of intensity"),
         ({"truth": "depth", "outputs": "a.npz"}, r"`truth` needs an output that can hold it.*\.h5"),
+        ({"truth": "distance", "outputs": "a.dsec"}, r"`truth` distance fits none.*\.h5"),
         ({"truth": "depth", "outputs": "a.h5", "frame_rate": 50.0}, r"`frame_rate` must go into the 120 frames"),
         ({"truth": "depth", "outputs": "a.h5", "loop": True}, "without `loop`"),
         ({"frame_rate": 30.0}, "`frame_rate` is that of `truth`"),
@@ -93,3 +96,16 @@ def test_what_cannot_be_is_told_before_anything_is_written(tmp_path: Path, monke
     with pytest.raises(InputError, match=message):
         clsim.stream("two-boxes", fps=120.0, **options)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("outputs", "held"),
+    [
+        (("a.tum",), {"poses"}),
+        (("a.event_utils", "b.tum", "c.raw"), {"intensity", "image", "flow", "poses"}),
+        (("a.h5",), set(TRUTH_NAMES)),
+        ((), set(TRUTH_NAMES)),
+    ],
+)
+def test_all_truth_is_what_the_outputs_hold(outputs: tuple[str, ...], held: set[str]) -> None:
+    assert set(OutputSettings(outputs=outputs, truth=("all",)).truth) == held
