@@ -66,7 +66,7 @@ class RenderOptions:
 
     From 12 on, several times as many are traced where a pixel is about to fire, if thresholds are known.
     Where a few lamps shine on diffuse surfaces, direct light is analytic there, and its shadows are traced: without
-    noise where nothing stands between. A part-lit pixel then gets more of them: 32 of 8, 64 of 32.
+    noise where nothing stands between. A part-lit pixel then gets 2 of 1, 16 of 8, 32 of 16 to 64, 128 of 256.
     They give the features and the light seen directly, and paths only the irradiance, so that textures and edges are
     clean after few paths; frames have an emission plane then.
     """

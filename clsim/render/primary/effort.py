@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,10 +26,9 @@ _INSIDE = 4
 where that is more …"""
 _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and if they are, pairs of a number and the rays inside below it: these find what is smaller than a pixel."""
-_IN_SHADOW = 128
-"""The square of the primary rays in a part-lit pixel is at most so many times those in one of several surfaces, …"""
-_MOST_IN_SHADOW = 4
-"""… and the former at most so many times the latter."""
+_IN_SHADOW = 32
+"""Primary rays up to which a part-lit pixel gets more than one of several surfaces. Twice as many take a fourth more
+time where there are many soft shadows, and gain a hundredth there."""
 _AT_CONTRAST = 16
 """Largest multiple of the primary rays where surfaces differ in brightness, with cached light."""
 _ENOUGH_TO_REFINE = 12
@@ -55,7 +53,7 @@ class Effort:
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
         first_hit_rays: primary rays where a pixel shows more than one surface. Where direct light is analytic, a
-            part-lit pixel gets more, `rays_in_shadow`; of one that shows one triangle three in four are shadow rays
+            part-lit pixel gets `rays_in_shadow`; of one that shows one triangle three in four are shadow rays
             alone, or all where nothing is smaller than a pixel.
         every: a pixel that needs no more is probed in every n-th frame, at another phase than its neighbours.
     """
@@ -97,7 +95,7 @@ class PrimarySetup:
 
 def rays_in_shadow(first_hit_rays: int) -> int:
     """Return how many primary rays a part-lit pixel gets: a power of two, as Sobol's points are most even then."""
-    most = min(math.isqrt(_IN_SHADOW * first_hit_rays), _MOST_IN_SHADOW * first_hit_rays)
+    most = max(min(2 * first_hit_rays, _IN_SHADOW), first_hit_rays // 2)
     return 1 << (most.bit_length() - 1)
 
 
