@@ -7,6 +7,7 @@ import warp as wp
 from clsim.render.accel.geometry import Hit, Tree
 from clsim.render.accel.intersection import make_intersection
 from clsim.render.bsdf.bsdf import make_bsdf
+from clsim.render.bsdf.coats import make_coats
 from clsim.render.camera.camera import CameraState
 from clsim.render.camera.film import make_film
 from clsim.render.device.compiler import kernel_options, one_at_a_time
@@ -46,7 +47,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     resolve, emitted, opacity, _, _, lit_sides, textured, coloured, _, mean_texture = materials
     outgoing, scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
-    pick, mean_of_blend = make_blends(features, resolve, albedo_of)
+    shares, albedos = make_coats(features, albedo_of)
+    pick, mean_of_blend = make_blends(features, resolve, albedos)
     pierce, transmittance = make_alpha(features, closest, surface_of, opacity)
     side = make_side(features)
 
@@ -81,7 +83,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             closest_opaque,
             surface_of,
             make_meet(features, primary_only, materials, pick, mapped_normal, look_ahead),
-            make_colours(features, albedo_of, mean_of_blend),
+            make_colours(features, albedo_of, shares, mean_of_blend),
             make_detailed(features, textured),
             make_ending(features, sphere_pdf, environment, weight),
             make_asking(features, sample_light, environment, scatter_value, agree, visibility),

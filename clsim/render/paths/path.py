@@ -11,6 +11,7 @@ import warp as wp
 from clsim.render.accel.geometry import offset_origin
 from clsim.render.accel.intersection import face
 from clsim.render.accel.rest import make_rest
+from clsim.render.bsdf.coats import one_part
 from clsim.render.cache.trails import PLACES, note_light, note_place
 from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import foresee_environment
@@ -20,7 +21,7 @@ from clsim.render.features.bsdf_kinds import PLASTIC
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.paths.path_lights import Carried
-from clsim.render.paths.path_surfaces import make_is_analytic, one_part
+from clsim.render.paths.path_surfaces import make_is_analytic
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
 from clsim.render.surfaces.absorption import absorption_towards, dimmed

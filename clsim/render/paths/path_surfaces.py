@@ -6,19 +6,17 @@ from typing import Any
 import warp as wp
 
 from clsim.render.accel.geometry import Surface
-from clsim.render.bsdf.disney import base_disney, reflection_disney
-from clsim.render.bsdf.plastic import base_albedo, passing_out
-from clsim.render.bsdf.principled import passing_principled
+from clsim.render.bsdf.coats import base_color
 from clsim.render.camera.pixel_width import width_at
 from clsim.render.emitters.lights import LightSample
-from clsim.render.features.bsdf_kinds import DIFFUSE, DISNEY, PLASTIC, PRINCIPLED
+from clsim.render.features.bsdf_kinds import DIFFUSE, PLASTIC, PRINCIPLED
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene
 from clsim.render.paths.towards_light import looks_ahead
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
 from clsim.render.surfaces.blends import FIRST, mixes_textures
-from clsim.render.surfaces.materials import BASE, REFLECTION, Bsdf, Materials, has_details
+from clsim.render.surfaces.materials import Bsdf, Materials, has_details
 from clsim.render.textures.ray_footprint import patch_round
 
 _PLACES = wp.constant(8)
@@ -114,61 +112,33 @@ def make_meet(
     return meet
 
 
-def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
-    """Return the Warp function ``colours``: the albedo that a pixel shows of a surface, and that of a coat over it."""
+def make_colours(features: Features, albedo_of: Any, shares: Any, mean_of_blend: Any) -> Any:
+    """Return the Warp function ``colours``: the albedo that a pixel shows of a surface, and that of a coat over it.
+
+    ``shares`` is of `make_coats`, ``mean_of_blend`` of `make_blends`.
+    """
 
     @wp.func(inline=True)
     def colours(
         scene: Scene, bsdf: Bsdf, point: Surface, kept_normal: wp.vec3, direction: wp.vec3, tint: wp.vec3
     ) -> tuple[wp.vec3, wp.vec3, float]:
-        """Return both, and which share of light the base sends through the coat.
+        """Return both, and which share of its light the base of ``bsdf`` sends through its coat.
 
         Where there is none, that is 1 and the coat's albedo is 0. ``tint`` is what mirrors on the way here left.
         """
-        albedo = wp.cw_mul(tint, albedo_of(bsdf))
-        coat = wp.vec3()
-        passing = float(1.0)
-        alone = bool(True)
+        cosine = -wp.dot(direction, kept_normal)
+        own = shares(scene.materials, bsdf, cosine)
+        albedo = base_color(bsdf, albedo_of(bsdf)) if wp.static(features.coats) else albedo_of(bsdf)
+        albedo = albedo * own[0]
+        coat = float(own[1])
         if wp.static(features.blends):
-            albedo = wp.cw_mul(tint, mean_of_blend(scene.materials, point))
-            alone = scene.materials.rows[point.material].blend_with < 0
-        if wp.static(features.coats):
-            # Of a blend, one material is drawn, and all that any of them sends out counts as light of the blend.
-            if alone and not bsdf.dark:
-                cosine = -wp.dot(direction, kept_normal)
-                if bsdf.kind == PLASTIC:
-                    passing = passing_out(scene.materials.transmittance, bsdf, cosine)
-                    albedo = wp.cw_mul(tint, base_albedo(bsdf))
-                elif bsdf.kind == PRINCIPLED and bsdf.transmission == 0.0:
-                    passing = passing_principled(bsdf, cosine)
-                coat = tint * (1.0 - passing)  # type: ignore[assignment]
-                if wp.static("disney" in features.kinds):
-                    if bsdf.kind == DISNEY and bsdf.transmission == 0.0:
-                        passing = base_disney(bsdf, cosine)
-                        coat = tint * reflection_disney(scene.materials, bsdf, cosine)  # type: ignore[assignment]
-                albedo = albedo * passing
-        return albedo, coat, passing
+            # Of a blend, one material is drawn; the mean of what all send out is light of the blend.
+            mean = mean_of_blend(scene.materials, point, cosine)
+            albedo = wp.vec3(mean[0], mean[1], mean[2])
+            coat = mean[3]
+        return wp.cw_mul(tint, albedo), tint * coat, own[0]  # type: ignore[return-value]
 
     return colours
-
-
-@wp.func
-def one_part(whole: Bsdf, in_coat: bool, passing: float) -> Bsdf:
-    """Return what reflects of a material, or else its base, of which ``passing`` is what `make_colours` returns."""
-    part = whole
-    if whole.kind == DISNEY:
-        part.part = wp.where(in_coat, REFLECTION, BASE)
-    elif in_coat:
-        part.color = wp.vec3()
-        part.specular = whole.specular * (1.0 - whole.metallic)  # type: ignore[assignment]
-        part.metallic = 0.0
-    else:
-        part.specular = wp.vec3()
-        if whole.kind == PRINCIPLED:
-            part.color = whole.color * passing  # type: ignore[assignment]
-    if not in_coat:
-        part.clearcoat = 0.0
-    return part
 
 
 def make_detailed(features: Features, textured: Any) -> Any:

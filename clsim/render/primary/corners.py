@@ -8,9 +8,8 @@ from typing import Any
 import warp as wp
 
 from clsim.render.accel.geometry import Surface
-from clsim.render.bsdf.plastic import base_albedo
+from clsim.render.bsdf.coats import base_color
 from clsim.render.camera.film import Sample
-from clsim.render.features.bsdf_kinds import PLASTIC
 from clsim.render.kernel_input import Scene
 from clsim.render.primary.seen_surfaces import SeenSurface, lit_albedo, same_surface
 from clsim.render.textures.texture_data import Footprint, uv_in
@@ -144,9 +143,7 @@ def make_flat_surfaces(textured: Any, coloured: Any, mean_texture: Any, albedo_o
         bsdf = coloured(scene.materials, point, texture)
         albedo = albedo_of(bsdf)
         if wp.static(coats):
-            if bsdf.kind == PLASTIC and not bsdf.dark:
-                albedo = base_albedo(bsdf)
-            albedo = albedo * like.passing
+            albedo = base_color(bsdf, albedo) * like.passing
         return albedo
 
     return flat, mean_albedo

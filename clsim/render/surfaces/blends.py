@@ -37,11 +37,11 @@ def mixes_textures(materials: Materials, material: int) -> bool:
     return found
 
 
-def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, Any]:
+def make_blends(features: Features, resolve: Any, albedos: Any) -> tuple[Any, Any]:
     """Return the Warp functions ``pick`` and ``mean_albedo``.
 
     ``pick(materials, surface, chance)`` gives the material that a path meets, for a number from 0 to 1;
-    ``mean_albedo(materials, surface)`` the albedo of the blend.
+    ``mean_albedo(materials, surface, cosine)`` the mean of the ``albedos(materials, bsdf, cosine) -> wp.vec4``.
     """
     lookup, *_ = make_textures(features)
 
@@ -73,8 +73,8 @@ def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, 
         return material
 
     @wp.func
-    def mean_albedo(materials: Materials, point: Surface) -> wp.vec3:
-        mean = wp.vec3()
+    def mean_albedo(materials: Materials, point: Surface, cosine: float) -> wp.vec4:
+        mean = wp.vec4()
         left = float(1.0)
         each = point
         for k in range(_STEPS + 1):
@@ -82,7 +82,7 @@ def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, 
             if k == _STEPS:
                 share = 0.0
             if left > 0.0:
-                mean += albedo_of(resolve(materials, each)) * (left * (1.0 - share))
+                mean += albedos(materials, resolve(materials, each), cosine) * (left * (1.0 - share))
             left = left * share
             if share > 0.0:
                 each.material = materials.rows[each.material].blend_with

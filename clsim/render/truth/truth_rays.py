@@ -75,7 +75,13 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
     sphere_at = make_sphere_at(features)
     resolve, _, opacity, *_ = make_materials(features)
     *_, albedo_of = make_bsdf(features)
-    _, mean_of_blend = make_blends(features, resolve, albedo_of)
+
+    @wp.func
+    def albedos(materials: Any, bsdf: Any, cosine: float) -> wp.vec4:
+        color = albedo_of(bsdf)
+        return wp.vec4(color[0], color[1], color[2], 0.0)
+
+    _, mean_of_blend = make_blends(features, resolve, albedos)
     mapped_normal = make_normal_maps(features)
     pierce, _ = make_alpha(features, closest, surface_of, opacity, _even_odds)
     camera_ray = make_camera(features)
@@ -141,7 +147,8 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
                 if wp.static("Truth.Albedo" in first):
                     albedo = albedo_of(resolve(scene.materials, point))
                     if wp.static(features.blends):
-                        albedo = mean_of_blend(scene.materials, point)
+                        mean = mean_of_blend(scene.materials, point, 1.0)
+                        albedo = wp.vec3(mean[0], mean[1], mean[2])
             elif hit.sphere >= 0:
                 way = ray.direction * hit.t
                 seen.kind = SPHERE

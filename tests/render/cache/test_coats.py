@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ pytestmark = [pytest.mark.usefixtures("ordinary"), pytest.mark.slow]
 EYE, WIDTH, HEIGHT, FOV_DEG = np.array([0.0, 2.0, 5.0]), 24, 18, 40.0
 INDEX = 1.5
 COAT_ALPHA = 0.3
+DARK = 0.02
 SCALE, SIDE_M = 40.0, 60.0
 FINE = 48
 """Places in a row and in a column of a pixel, for the truth."""
@@ -118,7 +121,9 @@ def truth(colors, sent_back):
     return np.array(found)
 
 
-@pytest.mark.parametrize("kind", ["plastic", "nonlinear", "principled", "disney", "principled in a scene with a blend"])
+@pytest.mark.parametrize(
+    "kind", ["plastic", "nonlinear", "principled", "disney", "principled near a blend", "blend of plastic"]
+)
 def test_a_coat_over_a_checkerboard_in_white_light_is_the_closed_form(kind):
     """Squares of high contrast, larger than pixels and smaller. White comes back whole; Disney's adds some."""
     colors = (1.0, 0.9, 0.95), (0.05, 0.1, 0.95)
@@ -132,25 +137,29 @@ def test_a_coat_over_a_checkerboard_in_white_light_is_the_closed_form(kind):
         coated = Material(kind="plastic", color=(1.0, 1.0, 1.0), ior=INDEX, nonlinear=kind == "nonlinear", texture=0)
     floor = hw.quad((-SIDE_M / 2, 0, SIDE_M / 2), (SIDE_M, 0, 0), (0, 0, -SIDE_M))
     materials, meshes = (coated,), (floor,)
-    if "blend" in kind:
-        blended = Material(blend_with=2, blend_share=0.5)
-        materials = coated, blended, Material(kind="plastic")
+    # Which material of a blend a path meets is chance.
+    blended = kind == "blend of plastic"
+    if blended:
+        materials = replace(coated, blend_with=1, blend_share=0.5), Material(color=(DARK,) * 3)
+    elif "blend" in kind:
+        materials = coated, Material(blend_with=2, blend_share=0.5), Material(kind="plastic")
         meshes = floor, hw.quad((-1, -1, 1), (2, 0, 0), (0, 0, -2), 1)
     view = hw.camera(hw.look_from(EYE, (0, 0, 0)), WIDTH, HEIGHT, FOV_DEG)
     world = hw.world(*meshes, materials=materials, textures=(board,), view=view, environment=(1.0, 1.0, 1.0))
-    cached = Run(world, light_cache=True, spp=16, probe_spp=4, first_hit_rays=32).fill(0).planes[:3]
+    cached = Run(world, light_cache=True, spp=128 if blended else 16, probe_spp=4, first_hit_rays=32).fill(0).planes[:3]
     if kind.startswith("principled"):
         true = truth(colors, lambda cosine, pair: principled(cosine, pair, 0.5))
     elif kind == "disney":
         true = truth(colors, lambda cosine, pair: disney(cosine, pair, 0.5))
     else:
         true = truth(colors, lambda cosine, pair: plastic(cosine, pair, kind == "nonlinear"))
-    assert 0.05 < true[0].min() < 0.5 < true[0].max() < (1.2 if kind == "disney" else 1.01)
+    if blended:
+        true = (true + DARK) / 2
+    assert 0.03 < true[0].min() < 0.5 < true[0].max() < (1.2 if kind == "disney" else 1.01)
     # Each channel in all, and each pixel but for the noise of the light.
     np.testing.assert_allclose(cached.mean(axis=(1, 2)), true.mean(axis=(1, 2)), rtol=0.004)
     relative = np.tensordot(LUMINANCE, cached, 1) / np.tensordot(LUMINANCE, true, 1)
     # Of a few pixels few rays tell how much of which colour they show; seen at a flat angle, cells are wide.
-    assert np.quantile(np.abs(relative - 1), 0.99) < (0.06 if kind.startswith(("principled", "disney")) else 0.03), (
-        relative
-    )
-    assert np.abs(relative - 1).mean() < 0.01, relative
+    far_off = {"plastic": 0.03, "nonlinear": 0.03, "blend of plastic": 0.12}.get(kind, 0.06)
+    assert np.quantile(np.abs(relative - 1), 0.99) < far_off, relative
+    assert np.abs(relative - 1).mean() < (0.02 if blended else 0.01), relative
