@@ -69,13 +69,13 @@ def _facts(what: str, strict: bool) -> dict[str, Any]:
 
     name = str(split_topic(what)[0]).lower()
     if os.path.isdir(what) and (kind := recording_kind(what)) is not None:
-        return {"events": _events(what, kind.name, strict)}
+        return {"events": _events(what, kind.name, strict)} | _truth(what)
     if name.endswith(FILE_ENDINGS) or (what not in bundled_scenes() and Path(what).is_dir() and is_footage(what)):
         return {"footage": _footage(what)}
     if name.endswith(".exr") or (Path(what).is_dir() and what not in bundled_scenes()):
         return {"frames": _frames(what)}
     if name.endswith(READ_ENDINGS):
-        return {"events": _events(what, read_format_of(split_topic(what)[0]).name, strict)}
+        return {"events": _events(what, read_format_of(split_topic(what)[0]).name, strict)} | _truth(what)
     return _scene(what)
 
 
@@ -190,6 +190,21 @@ def _events(what: str, form: str, strict: bool) -> dict[str, Any]:
         "moved_events": source.moved_events,
         "dropped_events": source.dropped_events,
     }
+
+
+def _truth(what: str) -> dict[str, Any]:
+    """Return what is recorded beside the events, if anything is."""
+    from clsim.truth.recording import read_recording, recording_kind
+
+    kind = recording_kind(what)
+    if kind is None:
+        return {}
+    try:
+        about = read_recording(what).about
+    except InputError as error:
+        return {"truth": {"layout": kind.name, "unreadable": str(error)}}
+    facts = {"layout": kind.name, "holds": list(about.names), "frames_per_s": about.frame_rate}
+    return {"truth": facts | ({"objects": list(about.objects)} if about.objects else {})}
 
 
 def _statistics(what: str, facts: dict[str, Any], against: str | None) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 import json
 
+import h5py
 import numpy as np
 import pytest
 
@@ -85,9 +86,22 @@ def test_a_folder_of_events_with_truth(clsim, tmp_path):
     assert (
         clsim("live", "two-boxes", *options, "--out", tmp_path / "run.dsec", "--out", tmp_path / "run.csv").status == 0
     )
-    facts, file = told(clsim, tmp_path / "run.dsec")["events"], told(clsim, tmp_path / "run.csv")["events"]
+    both, alone = told(clsim, tmp_path / "run.dsec"), told(clsim, tmp_path / "run.csv")
+    assert both["truth"]["holds"] == ["depth"] and both["truth"]["frames_per_s"] == pytest.approx(120, rel=1e-3)
+    assert "truth" not in alone
+    facts, file = both["events"], alone["events"]
     assert facts["format"] == "dsec" and facts["events"] == file["events"] > 0
     assert facts["farthest_pixel"] == file["farthest_pixel"]
+
+
+def test_truth_that_cannot_be_read_hides_no_events(clsim, tmp_path):
+    options = ("--resolution", "32x24", "--frame-count", "4", "--truth", "poses,depth", "--quality", "draft")
+    assert clsim("live", "two-boxes", *options, "--out", tmp_path / "run.h5").status == 0
+    assert told(clsim, tmp_path / "run.h5")["truth"]["holds"] == ["depth", "poses"]
+    with h5py.File(tmp_path / "run.h5", "a") as file:
+        file.attrs["camera"] = "{"
+    facts = told(clsim, tmp_path / "run.h5")
+    assert facts["events"]["events"] > 0 and "run.h5" in facts["truth"]["unreadable"]
 
 
 def test_empty_event_file(clsim, tmp_path):
