@@ -185,7 +185,8 @@ def test_a_map_that_the_same_thread_has_not_published_is_told_of():
         run.fill(2)
 
 
-def test_part_lit_pixels_get_at_most_twice_as_many_rays_where_rays_are_few() -> None:
+def test_part_lit_pixels_get_a_power_of_two_of_rays_and_twice_as_many_where_rays_are_few() -> None:
     primary_setup = PrimarySetup((0.01, 0.0), sharp=True, lamps=True)
-    assert [primary_rays_for(rays, primary_setup).in_shadow for rays in (8, 16, 64)] == [16, 32, 64]
-    assert primary_rays_for(64, primary_setup, cached=True).in_shadow == 64
+    found = [primary_rays_for(rays, primary_setup).in_shadow for rays in (1, 3, 8, 12, 16, 64, 100, 256)]
+    assert found == [2, 4, 16, 16, 32, 32, 32, 128]
+    assert primary_rays_for(64, primary_setup, cached=True).in_shadow == 32
