@@ -25,7 +25,6 @@ _LAST_TABLE = wp.constant(STACK_SIZE - 1)
 OPAQUE = wp.constant(0)
 MASK = wp.constant(1)
 BLEND = wp.constant(2)
-WHOLE = wp.constant(0)
 BASE = wp.constant(1)
 REFLECTION = wp.constant(2)
 
@@ -98,7 +97,7 @@ class Bsdf:
     ``eta`` is the index across the surface over that of the ray's side; ``mirror`` says that every lobe is perfectly
     smooth, ``dark`` that nothing is scattered at all; ``table_share`` is the weight of the table after plastic's.
     ``row`` is the material's number, for what one model alone reads; ``tangent`` the way of u, 0 where there is none;
-    ``part`` is ``WHOLE``, or which part of Disney's model scatters alone: its ``BASE`` or its ``REFLECTION``.
+    ``part`` is 0, or which part of Disney's model scatters alone, ``BASE`` or ``REFLECTION``.
     """
 
     kind: int
