@@ -26,7 +26,7 @@ from clsim.frames import Frame
 from clsim.render.device.devices import start_warp
 from clsim.scene import World, load_world
 from tools.accuracy.validation_render import mitsubas_scene
-from tools.peers.mitsuba_scene import load_mitsuba, mitsuba_scene
+from tools.peers.mitsuba_scene import MISSING, load_mitsuba, mitsuba_scene
 from tools.peers.plain_wlr import cut_window, solve_window
 
 WINDOW = 13
@@ -97,7 +97,7 @@ def file_beside_mitsuba(path: str, spp: int, rounds: int) -> dict[str, Any]:
 def _mitsuba() -> Any:
     mitsuba = load_mitsuba()
     if mitsuba is None:
-        raise InputError("Mitsuba 3 or the LLVM library it needs is not installed; pip install 'clsim[oracle]'")
+        raise InputError(f"{MISSING}; pip install 'clsim[oracle]'")
     return mitsuba
 
 

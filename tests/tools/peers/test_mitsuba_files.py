@@ -9,7 +9,7 @@ import pytest
 
 from clsim.errors import InputError
 from tools.peers.mitsuba_files import load_mitsuba_file
-from tools.peers.mitsuba_scene import load_mitsuba
+from tools.peers.mitsuba_scene import MISSING, load_mitsuba
 
 EARLIER = """<scene version="0.6.0">
     <default name="method" value="sppm"/>
@@ -32,7 +32,7 @@ EARLIER = """<scene version="0.6.0">
 def mitsuba():
     found = load_mitsuba()
     if found is None:
-        pytest.skip("Mitsuba 3 or the LLVM library it needs is not installed")
+        pytest.skip(MISSING)
     return found
 
 

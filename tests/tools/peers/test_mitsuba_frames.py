@@ -11,7 +11,7 @@ from clsim.frames import ALBEDO, RADIANCE, Frame, FrameSource
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world
 from tools.peers.mitsuba_frames import MitsubaFrames
-from tools.peers.mitsuba_scene import load_mitsuba
+from tools.peers.mitsuba_scene import MISSING, load_mitsuba
 
 ROOM = Path(__file__).resolve().parents[3].parent / "shared" / "assets" / "mitsuba" / "living-room" / "scene.xml"
 WIDTH, HEIGHT, SPP = 32, 24, 1024
@@ -20,7 +20,7 @@ WIDTH, HEIGHT, SPP = 32, 24, 1024
 @pytest.fixture(autouse=True)
 def need_mitsuba() -> None:
     if load_mitsuba() is None:
-        pytest.skip("Mitsuba 3 or the LLVM library it needs is not installed")
+        pytest.skip(MISSING)
 
 
 def rendered(source: FrameSource, index: int) -> Frame:

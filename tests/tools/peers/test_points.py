@@ -13,7 +13,7 @@ from clsim.bench.tradeoff.sweep import TradeoffOptions
 from clsim.errors import InputError
 from clsim.scene import Lens, load_world
 from tools.peers import manabe
-from tools.peers.mitsuba_scene import load_mitsuba
+from tools.peers.mitsuba_scene import MISSING, load_mitsuba
 from tools.peers.points import run_peers, saving, text
 
 POINTS = tuple(Point(Rendering(2, "common", seed), ESIM) for seed in (0, 1))
@@ -62,7 +62,7 @@ def test_a_peer_is_set_beside_the_points(tmp_path: Path, few_samples: None, monk
 @pytest.mark.oracle
 def test_the_chain_is_a_peer(tmp_path: Path) -> None:
     if load_mitsuba() is None:
-        pytest.skip("Mitsuba 3 or the LLVM library it needs is not installed")
+        pytest.skip(MISSING)
     (row,) = run(tmp_path, "chain")["peer_settings"]
     assert row["paths"] == 16 * 12 * 4 * 32 and row["true_events"] > 0
     assert row["cpu_s"] == pytest.approx(row["render_cpu_s"] + row["detect_cpu_s"])
