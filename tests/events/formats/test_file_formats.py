@@ -50,7 +50,9 @@ def test_a_file_written_over_a_longer_one_holds_nothing_of_that(tmp_path, ending
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_no_events_make_a_valid_file(tmp_path, ending):
-    assert len(read(write(tmp_path / f"a{ending}", []))) == 0
+    source = open_source(write(tmp_path / f"a{ending}", []))
+    assert (source.width, source.height) == ((None, None) if ending in (".txt", ".csv") else (WIDTH, HEIGHT))
+    assert len(source.read()) == 0
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -222,6 +224,17 @@ def test_a_file_cut_anywhere_gives_its_first_events_or_one_sentence(tmp_path, en
         counts.add(len(found))
     if ending != ".h5" and ending not in ALL_OR_NOTHING:
         assert len(counts) > 5  # what is whole is delivered
+
+
+@pytest.mark.parametrize("ending", [".txt", ".csv"])
+def test_a_line_of_text_that_a_kill_tore_is_left_out_wherever_it_ends(tmp_path, ending):
+    batch = events(20)
+    whole = write(tmp_path / f"a{ending}", [batch]).read_bytes()
+    for size in range(whole[:-1].rfind(b"\n") + 1, len(whole) + 1):
+        (tmp_path / f"cut{ending}").write_bytes(whole[:size])
+        # The last field has one digit, and nothing else is missing with the end of the line.
+        left = 20 - (size < len(whole) - 1)
+        assert np.array_equal(read(tmp_path / f"cut{ending}"), batch[:left]), whole[size - 9 : size]
 
 
 @pytest.mark.parametrize("ending", ENDINGS)

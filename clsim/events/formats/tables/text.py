@@ -171,7 +171,7 @@ def _whole_lines(path: Path, file: BinaryIO) -> Iterator[bytes]:
         if end:
             yield data[:end]
         rest = data[end:]
-    if len(re.split(rb"[\s,;]+", rest.strip())) >= 4:
+    if len(re.findall(rb"[^\s,;]+", rest)) >= 4:
         yield rest
 
 
