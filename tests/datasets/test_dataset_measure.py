@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
+from clsim.datasets import preview as preview_module
+from clsim.datasets.job import Done
 from clsim.datasets.measure import Figures, measure, reasons
-from clsim.datasets.spec import Limits
+from clsim.datasets.spec import Limits, load_spec
 
 _SUMMARY = SimpleNamespace(width=10, height=4, frames=6, simulated_s=0.5, events=400, on_events=100)
 
@@ -63,3 +66,17 @@ def test_a_camera_inside_of_something_is_refused():
     assert reasons(replace(plain, nearest_m=0.2), limits) == []
     assert reasons(replace(plain, nearest_m=0.19), limits) == ["nearest_m is 0.19, expected at least 0.2"]
     assert reasons(plain, limits) == ["nearest_m is unknown, expected at least 0.2"]
+
+
+@pytest.mark.parametrize(("workers", "hours"), [(None, 0.125), (2, 0.5), (99, 0.125)])
+def test_what_all_will_cost_is_told_by_ten(tmp_path, monkeypatch, workers, hours):
+    """Of 100 sequences, each of 36 s and 50 MB, on a machine of eight cores: no more of them work at once."""
+
+    def made(spec, index, out, threads):
+        return Done(index, "", "", {"events.h5": (50_000_000, "")}, {}, ("too dark",), False, {"cpu_s": 36.0})
+
+    monkeypatch.setattr(preview_module, "run_job", made)
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    told = preview_module.preview(load_spec(str(Path(__file__).parent / "tiny.toml"), 100), tmp_path, workers)
+    assert (told.samples, told.rejected) == (10, 10)
+    assert (told.cpu_hours, told.hours, told.gigabytes) == pytest.approx((1.0, hours, 5.0))

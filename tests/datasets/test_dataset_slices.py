@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import h5py
 import numpy as np
@@ -190,6 +191,21 @@ def test_shards_are_no_larger_than_asked_for(folder):
     for size, count in ((held, 1), (held - 1, 2)):
         shards = write_shards(folder, "parquet", size=size)
         assert [each.name.startswith("train") for each in shards].count(True) == count
+
+
+def test_each_shard_is_filled_anew(folder):
+    """Of five sequences of one size, two fit a shard."""
+    import pyarrow.parquet as parquet
+
+    for index in range(5, 7):
+        shutil.copytree(sequence_folder(folder, 0), sequence_folder(folder, index))
+    for index in (0, 1, 2, 5, 6):
+        place = sequence_folder(folder, index)
+        told = vars(read_done(place)) | {"index": index, "split": ""}
+        (place / "job.json").write_text(json.dumps(told))
+    size = max(sum(size for size, _ in done.files.values()) for done in scan(folder))
+    tables = [parquet.read_table(each).to_pydict() for each in write_shards(folder, "parquet", size=2 * size)]
+    assert [sorted(set(table["sequence"])) for table in tables] == [[0, 1], [2, 5], [6]]
 
 
 def test_shards_of_an_undivided_set_are_called_all(folder):

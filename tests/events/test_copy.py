@@ -1,4 +1,5 @@
 import json
+import socket
 import threading
 import time
 from pathlib import Path
@@ -12,6 +13,7 @@ from clsim.events import EventBatch, SinkError, whole
 from clsim.events.batch import Labelling
 from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
+from clsim.events.formats.dv_stream import DvEncoder
 from clsim.events.formats.tables import text
 from clsim.events.open import sensor_size
 from clsim.events.socket_sinks import open_socket_sink
@@ -75,6 +77,25 @@ def test_the_sidecar_comes_along_and_tells_the_size(tmp_path: Path) -> None:
     assert told == about | {"converted_from": str(tmp_path / "a.txt"), "events": len(EVENTS)}
     with clsim.open(tmp_path / "b.aedat4") as source:
         assert (source.width, source.height) == (99, 77)
+
+
+@pytest.mark.parametrize(
+    ("key", "place", "expected"),
+    [
+        ("poses", "a.txt.poses.txt", "../../in/a.txt.poses.txt"),
+        ("scene_from_here", "../room.toml", "../../room.toml"),
+        ("scene_from_here", None, None),
+    ],
+)
+def test_paths_in_the_sidecar_lead_to_the_same_files_from_another_folder(
+    tmp_path: Path, key: str, place: str | None, expected: str | None
+) -> None:
+    for folder in ("in", "out/later"):
+        (tmp_path / folder).mkdir(parents=True)
+    source = record(tmp_path / "in" / "a.txt")
+    Path(f"{source}.json").write_text(json.dumps({key: place}))
+    convert_events(str(source), str(tmp_path / "out/later/b.txt"))
+    assert json.loads((tmp_path / "out/later/b.txt.json").read_text())[key] == expected
 
 
 def test_the_size_is_found_out_where_nothing_tells_it(tmp_path: Path) -> None:
@@ -172,12 +193,35 @@ def test_a_stream_is_recorded_to_its_end_or_to_ctrl_c(tmp_path: Path, interrupte
     assert json.loads(Path(f"{target}.json").read_text())["events"] == len(EVENTS)
 
 
-def test_events_left_out_after_the_last_that_fit_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stream_that_breaks_off_leaves_a_recording_with_its_sidecar(tmp_path: Path) -> None:
+    encoder = DvEncoder(WIDTH, HEIGHT)
+    data = encoder.header + b"".join(packet for packet, _ in encoder.packets(EVENTS[:1000])) + b"\xff" * 8
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listener:
+        listener.bind(f"{tmp_path}/s")
+        listener.listen()
+
+        def serve() -> None:
+            with listener.accept()[0] as connection:
+                connection.sendall(data)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        with pytest.raises(InputError, match="a packet claims -1 bytes"):
+            convert_events(f"unix://{tmp_path}/s", str(tmp_path / "b.txt"))
+        thread.join(10)
+    assert np.array_equal(read(tmp_path / "b.txt"), EVENTS[:1000])
+    assert json.loads((tmp_path / "b.txt.json").read_text())["events"] == 1000
+
+
+@pytest.mark.parametrize(("fitting", "last_us"), [([0x2001, 0x2002], (1 << 12) + 7), ([], 0)])
+def test_events_left_out_after_the_last_that_fit_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fitting: list[int], last_us: int
+) -> None:
     monkeypatch.setattr("clsim.events.formats.prophesee.evt3_words._BLOCK_WORDS", 5)
-    words = [0x8001, 0x6007, 3, 0x2001, 0x2002] + [0x2000 | WIDTH] * 12
+    words = [0x8001, 0x6007, 3, *fitting] + [0x2000 | WIDTH] * 12
     head = f"% evt 3.0\n% geometry {WIDTH}x{HEIGHT}\n% end\n".encode()
     (tmp_path / "a.raw").write_bytes(head + np.array(words, "<u2").tobytes())
-    assert convert_events(str(tmp_path / "a.raw"), str(tmp_path / "b.txt")) == Copied(2, (1 << 12) + 7, 12)
+    assert convert_events(str(tmp_path / "a.raw"), str(tmp_path / "b.txt")) == Copied(len(fitting), last_us, 12)
 
 
 def test_a_source_without_labels_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

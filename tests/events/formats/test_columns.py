@@ -93,6 +93,21 @@ def test_what_is_no_event_is_refused_with_column_row_and_value(tmp_path: Path, e
 
 
 @pytest.mark.parametrize("ending", WRITERS)
+def test_rows_are_those_of_the_file_whatever_the_portions_it_is_read_in(
+    tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = {".h5": "hdf5", ".csv": "text"}.get(ending, ending[1:])
+    name = "_CHUNK_BYTES" if ending == ".csv" else "CHUNK_EVENTS"
+    monkeypatch.setattr(f"clsim.events.formats.tables.{module}.{name}", 100)
+    path = tmp_path / f"a{ending}"
+    WRITERS[ending](path, GOOD)
+    assert np.array_equal(read(path), EVENTS)
+    WRITERS[ending](path, GOOD | {"x": np.where(np.arange(COUNT) == 321, 70_000, X)})
+    with pytest.raises(InputError, match=r"column x has 70000(\.0)? in row 321;"):
+        read(path)
+
+
+@pytest.mark.parametrize("ending", WRITERS)
 @pytest.mark.parametrize("names", ["t x y p", "t y x p", "x y t p", "polarity timestamp y x", "ps ts xs ys"])
 def test_columns_go_by_their_names(tmp_path: Path, ending: str, names: str) -> None:
     columns = {name: {"t": T, "x": X, "y": Y, "p": P}[name[0]] for name in names.split()}

@@ -326,6 +326,15 @@ def test_hdf5_follows_dsec(tmp_path):
     assert np.all(batch["t"][index[index > 0] - 1] < milliseconds[index > 0] * 1000)
 
 
+def test_hdf5_that_begins_late_counts_from_a_whole_millisecond(tmp_path):
+    """So that a millisecond of its clock is one of the index."""
+    batch = events(4000, start_us=3_600_000_123)
+    with h5py.File(write(tmp_path / "a.h5", split(batch))) as file:
+        offset, index = int(file["t_offset"][()]), file["ms_to_idx"][:]
+    assert offset == batch["t"][0] // 1000 * 1000
+    np.testing.assert_array_equal(index, np.searchsorted(batch["t"], offset + 1000 * np.arange(len(index))))
+
+
 def test_hdf5_that_is_compressed_is_read(tmp_path):
     hdf5plugin = pytest.importorskip("hdf5plugin", reason="the [hdf5] extra is not installed")
     path = tmp_path / "a.h5"

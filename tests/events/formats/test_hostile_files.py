@@ -91,6 +91,14 @@ def test_an_archive_that_claims_much_costs_little(tmp_path: Path, descr: str, sh
         tracemalloc.stop()
 
 
+def test_an_archive_whose_arrays_all_end_at_the_same_row_too_early_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for name in "txyp":
+            archive.writestr(f"{name}.npy", npy("<i8", (5,), bytes(4 * 8)))
+    with pytest.raises(InputError, match="its array t ends early"):
+        read(tmp_path / "a.npz")
+
+
 @settings(deadline=None)
 @given(st.text(max_size=40).map(lambda text: "tcp://" + text) | st.text(max_size=40))
 def test_any_address_is_taken_apart_or_refused(text: str) -> None:

@@ -130,6 +130,18 @@ def test_dat_s_clock_begins_anew_and_version_1_has_fewer_bits(tmp_path: Path) ->
         open_source(tmp_path / "c.dat")
 
 
+@pytest.mark.parametrize("ending", [".raw", ".dat"])
+def test_a_sensor_of_no_pixels_in_a_header_is_one_that_nobody_told(tmp_path: Path, ending: str) -> None:
+    """Converters that do not know the size write 0."""
+    raw = b"% evt 2.0\n% geometry 0x0\n% end\n" + evt("evt2")[1]
+    dat = np.stack([T, X | Y << 14 | ON << 28], axis=1).astype("<u4").tobytes()
+    dat = b"% Version 2\n% Height 0\n% Width 0\n" + bytes([12, 8]) + dat
+    (tmp_path / f"a{ending}").write_bytes(raw if ending == ".raw" else dat)
+    source = open_source(tmp_path / f"a{ending}")
+    assert (source.width, source.height) == (None, None)
+    assert np.array_equal(source.read(), EVENTS)
+
+
 def aedat2(chip: str, address: np.ndarray) -> bytes:
     records = np.zeros(len(T), [("address", ">u4"), ("t", ">u4")])
     records["address"], records["t"] = address, T
@@ -176,7 +188,7 @@ def aedat3(version: str = "3.1") -> bytes:
     for laps, part in ((0, records[:1200]), (3, records[1200:])):
         parts.append(struct.pack("<hhiiiiii", 2, 1, 36, 0, 0, 2, 2, 2) + bytes(72))  # two of another kind
         parts.append(struct.pack("<hhiiiiii", 1, 1, 8, 4, laps, len(part) + 3, len(part), len(part)))
-        parts.append(part.tobytes() + bytes(24))
+        parts.append(part.tobytes() + part[-3:].tobytes())  # room for three more, in which old ones stand
     return head + b"".join(parts)
 
 

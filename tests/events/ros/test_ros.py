@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -238,6 +239,20 @@ def test_a_bag_without_events_is_refused(tmp_path):
     bag.complete()
     with pytest.raises(InputError, match=r"no messages of events, but sensor_msgs/msg/Imu"):
         open_source(tmp_path / "a.mcap")
+
+
+@pytest.mark.parametrize("page", [4096, 65536])
+def test_a_bag_of_sqlite_that_is_cut_is_refused_whatever_its_pages(tmp_path, page):
+    """65536, the largest page, is written as 1."""
+    path = write(tmp_path / "a.db3", split(events(20_000)))
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute(f"PRAGMA page_size = {page}")
+        database.execute("VACUUM")
+    np.testing.assert_array_equal(read(path), events(20_000))
+    with path.open("r+b") as file:
+        file.truncate(path.stat().st_size - page)
+    with pytest.raises(InputError, match="it is truncated"):
+        read(path)
 
 
 def test_an_abandoned_bag_leaves_what_was_there(tmp_path):
