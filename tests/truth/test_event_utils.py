@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 from clsim.events import SinkError
 from clsim.truth.formats.event_utils import EventUtilsLayout
 from clsim.truth.layouts import open_layout
+from clsim.truth.recording import read_recording
+from clsim.truth.writing.growing_npy import GrowingNpy
 from tests.truth import recordings
 
 
@@ -66,3 +69,38 @@ def test_the_memmap_alone_is_kept_where_the_disk_is_full(tmp_path: Path, monkeyp
         layout.close()
     assert os.listdir(tmp_path / "run.event_utils") == ["memmap"]
     assert len(np.load(tmp_path / "run.event_utils/memmap/t.npy")) == len(expected.events)
+
+
+def test_events_at_a_frames_time_come_after_it_however_seconds_are_rounded(tmp_path: Path) -> None:
+    expected = recordings.feed(open_layout(str(tmp_path / "run.event_utils"), recordings.about()))
+    times_us = expected.events["t"].copy()
+    times_us[expected.shots[1].event_index] = expected.shots[1].time_us  # one at a frame's very time
+    with h5py.File(tmp_path / "run.event_utils/run.h5", "r+") as file:
+        file["events/ts"][...] = times_us * 1e-6 - 4e-7
+    found = read_recording(str(tmp_path / "run.event_utils"))
+    assert np.array_equal(np.concatenate(list(found.events()))["t"], times_us)
+    for shot in found.shots():
+        assert shot.event_index == np.count_nonzero(times_us < shot.time_us)
+
+
+def test_rows_that_the_system_takes_in_portions_are_whole(tmp_path: Path) -> None:
+    """A write may end early, for one where a disk is nearly full or a file is over the net."""
+
+    class Hesitant:
+        def __init__(self, file: Any) -> None:
+            self._file = file
+
+        def write(self, data: memoryview) -> int:
+            written: int = self._file.write(data[:7])
+            return written
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._file, name)
+
+    array = GrowingNpy(tmp_path / "a.npy", (3,), "<f8")
+    array._file = Hesitant(array._file)  # type: ignore[assignment]
+    rows = np.arange(15.0).reshape(5, 3)
+    array.append(rows[:2])
+    array.append(rows[2:])
+    array.close()
+    assert np.array_equal(np.load(tmp_path / "a.npy"), rows)

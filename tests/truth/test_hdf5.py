@@ -147,6 +147,16 @@ def test_every_prefix_of_the_writes_can_be_read(tmp_path: Path, monkeypatch: pyt
     assert found == sorted(found) and set(found) == {0, 1, 2, 3, 4}
 
 
+@pytest.mark.parametrize("name", ["t", "depth", "flow", "event_index"])
+def test_frames_are_read_as_far_as_all_of_them_is_there(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "run.h5"
+    expected = recordings.feed(Hdf5Layout(path, recordings.about())).shots
+    with h5py.File(path, "r+") as file:
+        file["frames"][name].resize(len(expected) - 1, axis=0)
+    found = list(read_recording(str(path)).shots())
+    assert [shot.time_us for shot in found] == [shot.time_us for shot in expected[:-1]]
+
+
 def test_what_comes_after_the_last_frame_is_there_when_the_file_is_closed(tmp_path: Path) -> None:
     """A run ends between two frames of truth: poses, inertial samples and labels go on until then."""
     path = tmp_path / "run.h5"

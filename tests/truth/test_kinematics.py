@@ -87,6 +87,14 @@ def test_samples_lead_from_pose_to_pose() -> None:
     assert (turn * Rotation.from_quat(camera.poses[1, 3:]).inv()).magnitude() < 1e-5
 
 
+@pytest.mark.parametrize("rate_hz", [4000.0, 16_000.0])
+def test_a_sensor_of_a_high_rate_feels_fast_shaking(rate_hz: float) -> None:
+    """A circle of 1 mm, 100 times a second: the pull is r·ω², whatever way the camera looks."""
+    orbit = Orbit((0.0, 0.0, 0.0), 1e-3, 0.01, target=(0.0, 0.0, 0.0))
+    felt = np.linalg.norm(Imu(orbit, rate_hz, ImuNoise(), (0, 0, 0), 0).until(9_000).acceleration[2:-2], axis=1)
+    np.testing.assert_allclose(felt, 1e-3 * (200 * np.pi) ** 2, rtol=1e-4)
+
+
 def test_the_noise_has_its_densities_and_does_not_hang_on_portions() -> None:
     noise = ImuNoise(0.02, 0.3, 0.003, 0.05)
     rate = 2000.0

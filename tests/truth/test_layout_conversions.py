@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from clsim.events import SinkError
 from clsim.truth.layouts import LAYOUTS, LayoutKind, layout_of, open_layout
 from clsim.truth.record import Shot
 from clsim.truth.recording import convert_recording, read_recording
+from clsim.truth.writing.lines import rate_of, seconds
 from tests.truth import recordings
 
 FOLDERS = [kind.endings[0] for kind in LAYOUTS if kind.folder]
@@ -77,6 +80,46 @@ def test_a_round_trip_loses_nothing_that_both_hold(tmp_path: Path, ending: str) 
             assert np.abs(b.angular_velocity - c.angular_velocity).max() < 1e-12
     assert second.about.camera["intrinsics_px"] == pytest.approx(first.about.camera["intrinsics_px"])
     assert not [path for path in tmp_path.rglob("*") if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("ending", FOLDERS)
+def test_events_before_a_frame_are_counted_whatever_the_portions_they_are_read_in(
+    tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = recorded(tmp_path / f"run{ending}")
+    for name, value in (
+        ("events.formats.order._BLOCK", 10), ("events.formats.order.WINDOW_US", 300),
+        ("events.formats.tables.hdf5.CHUNK_EVENTS", 30), ("events.formats.tables.text._CHUNK_BYTES", 600),
+        ("truth.formats.event_utils.CHUNK_EVENTS", 30), ("truth.formats.mvsec.CHUNK_EVENTS", 30),
+    ):  # fmt: skip
+        monkeypatch.setattr(f"clsim.{name}", value)
+    found = read_recording(str(tmp_path / f"run{ending}"))
+    batches = list(found.events())
+    assert len(batches) > 3 and np.concatenate(batches).tobytes() == expected.events.tobytes()
+    assert [shot.event_index for shot in found.shots()] == [shot.event_index for shot in expected.shots]
+
+
+@pytest.mark.parametrize("ending", FOLDERS)
+def test_depth_of_a_mirrored_camera_is_in_front_of_it(tmp_path: Path, ending: str) -> None:
+    about = recordings.about()
+    px = about.camera["intrinsics_px"]
+    about = replace(about, camera=about.camera | {"intrinsics_px": px | {"fx": -px["fx"]}})
+    expected = recordings.feed(open_layout(str(tmp_path / f"run{ending}"), about))
+    found = read_recording(str(tmp_path / f"run{ending}"))
+    assert found.about.camera["intrinsics_px"] == pytest.approx(px | {"fx": -px["fx"]})
+    for shot, given in zip(found.shots(), expected.shots, strict=True):
+        if "depth" in shot.planes:
+            np.testing.assert_allclose(shot.planes["depth"], given.planes["depth"], rtol=0.02)
+
+
+@pytest.mark.parametrize("time_us", [-1_500_000, -1, 0, 1, 999_999, 1_500_000_000_000_001])
+def test_seconds_in_text_are_exact_before_0_too(time_us: int) -> None:
+    assert Decimal(seconds(time_us)) * 10**6 == time_us
+
+
+@pytest.mark.parametrize(("times_us", "rate"), [([0, 20_000, 40_000, 240_000], 50.0), ([7], 30.0), ([], 30.0)])
+def test_a_frame_that_is_missing_does_not_change_the_rate(times_us: list[int], rate: float) -> None:
+    assert rate_of(times_us) == rate
 
 
 def test_convert_from_the_command_line(tmp_path: Path) -> None:

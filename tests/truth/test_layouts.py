@@ -156,6 +156,17 @@ def test_basalts_calibration_comes_back(tmp_path: Path, lens: Lens) -> None:
     assert told["intrinsics"][0]["intrinsics"]["cx"] == given_camera["intrinsics_px"]["cx"] - 0.5
 
 
+@pytest.mark.parametrize("name", ["k4", "k5", "k6"])
+def test_a_distortion_that_clsims_lenses_lack_is_refused(tmp_path: Path, name: str) -> None:
+    recorded(tmp_path / "run.tumvie", Lens(distortion=(0.1, -0.02, 1e-3, 2e-3, 0.05)))
+    path = tmp_path / "run.tumvie/camera-calibration.json"
+    told = json.loads(path.read_text())
+    told["value0"]["intrinsics"][0]["intrinsics"][name] = 0.01
+    path.write_text(json.dumps(told))
+    with pytest.raises(InputError, match="has k4 to k6, which clsim's lenses lack"):
+        read_recording(str(tmp_path / "run.tumvie"))
+
+
 @pytest.mark.parametrize("name", ["run.tum", "run.ecd"])
 def test_evo_reads_trajectories(tmp_path: Path, name: str) -> None:
     file_interface = pytest.importorskip("evo.tools.file_interface")
@@ -279,8 +290,8 @@ def test_a_sequence_of_dsecs_own_is_read(tmp_path: Path, block_style: bool) -> N
     assert count == len(expected.events) and not left_out
 
 
-@pytest.mark.parametrize("calibrated", [False, True])
-def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: bool) -> None:
+@pytest.mark.parametrize("calibrated", ["", "equidistant", "radtan"])
+def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: str) -> None:
     """No camera in the file, flow in the npz alone and at times of its own, pictures at others, epoch's seconds."""
     expected = recorded(tmp_path / "made.mvsec")
     start_s, shots = 1.5e9, expected.shots
@@ -308,9 +319,10 @@ def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: bool) -> N
     if calibrated:
         (home / "camchain-imucam-outdoor_day1.yaml").write_text(
             "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [-0.03, 0.01, -0.02, 0.002]\n"
-            "  distortion_model: equidistant\n  intrinsics: [226.4, 226.2, 173.6, 133.7]\n"
+            f"  distortion_model: {calibrated}\n  intrinsics: [226.4, 226.2, 173.6, 133.7]\n"
             f"  resolution: [{recordings.WIDTH}, {recordings.HEIGHT}]\n"
-            "cam1:\n  intrinsics: [1, 2, 3, 4]\n  resolution: [9, 9]\n"
+            f"cam1:\n  distortion_model: {'radtan' if calibrated == 'equidistant' else 'equidistant'}\n"
+            "  intrinsics: [1, 2, 3, 4]\n  resolution: [9, 9]\n"
         )
     recording = read_recording(str(home))
     assert recording.about.names == ("image", "depth", "flow", "poses")
@@ -329,7 +341,8 @@ def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: bool) -> N
     assert np.array_equal(np.concatenate(list(recording.events()))["t"] - origin_us, expected.events["t"])
     target = str(tmp_path / "other.ecd")
     if calibrated:
-        assert recording.about.camera["intrinsics_px"]["cx"] == 174.1 and recording.about.camera["model"] == "fisheye"
+        assert recording.about.camera["intrinsics_px"]["cx"] == 174.1
+        assert recording.about.camera["model"] == ("fisheye" if calibrated == "equidistant" else "perspective")
     else:
         with pytest.raises(InputError, match="needs the camera's intrinsics"):
             convert_recording(str(home), target)
