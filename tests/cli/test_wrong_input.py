@@ -67,6 +67,7 @@ def files(tmp_path: Path) -> Path:
         ),
         (["live", "--view", "webb", "still"], "--view must be one of web, terminal, rerun, none, got 'webb'"),
         (["live", "still", "--view", "webb"], "--view must be one of web, terminal, rerun, none, got 'webb'"),
+        (["view", "a.raw", "--colors", "pink"], "--colours must be one of blue-orange, purple-green, violet-yellow, "),
         (["live", "still", "--fps", "2e6"], "--fps must be at most 1000000, for times are whole µs, got 2e+06"),
         (
             ["live", "still", "--quality", "exact", "--sampling", "adaptive"],

@@ -1,5 +1,6 @@
 """Sensors by name and from files: what each says, where it is from, and what is refused."""
 
+import contextlib
 import math
 from dataclasses import fields, is_dataclass, replace
 from itertools import combinations
@@ -7,10 +8,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from clsim.detect.config import DetectorConfig
+from clsim.detector import check_sensor
 from clsim.errors import InputError
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
-from clsim.sensor import SensorSettings, load_sensor, preset_names
+from clsim.sensor import SensorSettings, Specimen, load_sensor, preset_names
 from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import Noise
 from clsim.sensor.stage import Context
@@ -147,6 +150,31 @@ def test_one_rate_of_noise_over_a_base_with_several_holds_in_all_light(tmp_path)
     assert constants["RATE_MOST"] == 0.5 + max(noise.off_hz)
     with pytest.raises(InputError, match="`off_hz` has 2 numbers, expected 3"):
         replace(noise, off_hz=(1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "reads"),
+    [
+        ("[noise]\nlux = [1, 100]\non_hz = [2, 1]\noff_hz = [2, 1]\n", True),
+        ("[noise]\non_hz = 2\n", False),
+        ("[front_end]\ndark_lux = 0.1\n", True),
+        ("[front_end]\nreceptor_hz_per_lux = 10\n", True),
+        ("[front_end]\nfollower_hz = 500\n", False),
+        ("[leak]\nparasitic_hz_per_lux = 1e-4\n", True),
+        ("[leak]\nhz = 0.1\n", False),
+    ],
+)
+def test_how_many_lux_there_are_matters_to_some_sensors_alone(tmp_path, text, reads):
+    """What those see must be the logarithm of light, whatever else a detector can make of it."""
+    specimen = Specimen(load_sensor(written(tmp_path, text)), 0, 100.0)
+    with pytest.raises(InputError, match="needs ln") if reads else contextlib.nullcontext():
+        check_sensor(DetectorConfig(method="esim", response="lin-log"), specimen)
+
+
+@pytest.mark.parametrize("name", ["gen4.1", "imx636", "IMX636"])
+def test_a_base_may_be_any_name_of_a_preset(tmp_path, name):
+    mine = load_sensor(written(tmp_path, f'base = "{name}"\n'))
+    assert mine == replace(load_sensor("gen4.1"), name="mine")
 
 
 def test_a_file_says_what_differs_from_its_base(tmp_path):

@@ -177,7 +177,7 @@ def test_the_controller_lets_so_many_pass_in_each_period():
     assert lost == len(asked) - counts.sum() > 10_000
 
 
-@pytest.mark.parametrize(
+IN_TURN = pytest.mark.parametrize(
     "numbers",
     [
         {"event_us": 1.0, "row_us": 2.0, "most_wait_us": 20.0},
@@ -189,6 +189,9 @@ def test_the_controller_lets_so_many_pass_in_each_period():
         {"arbiter": "rows", "row_us": 5.0, "event_us": 1.0, "control_period_us": 500.0, "most_in_period": 100},
     ],
 )
+
+
+@IN_TURN
 def test_calls_on_the_way_change_nothing(numbers):
     asked = poisson(3e5)
     asked = asked[asked["t"] < 10**8]
@@ -201,6 +204,20 @@ def test_calls_on_the_way_change_nothing(numbers):
         lost_there += gone
     np.testing.assert_array_equal(np.concatenate(parts), whole)
     assert lost == lost_there
+
+
+@IN_TURN
+def test_a_bus_that_has_forgotten_all_is_as_new(numbers):
+    """What waited at 20 ms is gone, and so are the controller's count and whose turn it was."""
+    asked = poisson(3e5)
+    asked = asked[asked["t"] < 3 * 10**7]
+    expected, lost = bus(**numbers).run(asked, 3 * 10**7)
+    used = bus(**numbers)
+    used.run(asked[asked["t"] <= 20_050_000], 20_050_000)
+    used.forget()
+    found, lost_there = used.run(asked, 3 * 10**7)
+    np.testing.assert_array_equal(found, expected)
+    assert lost_there == lost
 
 
 def test_stamps_are_multiples_and_every_event_comes_once_whatever_the_frame_rate():

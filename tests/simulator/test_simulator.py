@@ -2,6 +2,7 @@
 
 import threading
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,9 @@ from clsim.errors import Error, InputError
 from clsim.live.stages import Stages
 from clsim.render import RenderCancelled
 from clsim.render.view import View
+from clsim.simulator.snapshot import Snapshot
+from clsim.truth.labels import Labeller
+from tests.simulator import stage
 
 SIZE, FPS, FRAMES = (48, 36), 60.0, 8
 
@@ -175,3 +179,27 @@ def test_steps_by_the_wall_clock_end_when_their_time_has_come(monkeypatch: pytes
         assert waits[-1] == 0 and run.lag_s == pytest.approx(0.05)
         run.step(130_000)
         assert waits[-1] == pytest.approx(0.03) and run.lag_s == 0
+
+
+def test_light_that_was_set_before_a_snapshot_shines_again_after_another(tmp_path: Path) -> None:
+    def goes_on() -> bytes:
+        return run.step(30_000).tobytes() + run.frame().planes.tobytes()
+
+    with stage.simulator(tmp_path, seed=3) as run:
+        run.step(10_000)
+        run.set_light("lamp", (26.0, 24.0, 22.0))
+        run.step(20_000)
+        saved, first = run.snapshot(), goes_on()
+        run.set_light("lamp", (0.0, 0.0, 0.0))
+        run.step(40_000)
+        run.restore(saved)
+        assert goes_on() == first
+
+
+def test_what_an_object_lacked_at_a_snapshot_it_lacks_again() -> None:
+    """What is found once and kept must be found anew, for it may be of what came later."""
+    held = Labeller()
+    snapshot = Snapshot([held], None)
+    held._last, held.found_later = (3, np.zeros(2, np.float32)), 1  # type: ignore[attr-defined]
+    snapshot.restore()
+    assert vars(held) == {"_last": None}

@@ -137,8 +137,38 @@ def test_events_that_are_left_out_are_told(clsim, tmp_path):
     assert sentence in clsim("info", tmp_path / "a.raw").stderr
     outcome = clsim("convert", tmp_path / "a.raw", tmp_path / "b.txt")
     assert outcome.status == 0 and sentence in outcome.stderr and (tmp_path / "b.txt").read_text().count("\n") == 2
+    outcome = clsim("view", tmp_path / "a.raw", "--to", tmp_path / "a.png")
+    assert outcome.status == 0 and sentence in outcome.stderr
     outcome = clsim("convert", tmp_path / "b.txt", tmp_path / "c.txt")
     assert outcome.status == 0 and "left out" not in outcome.stderr
+
+
+@pytest.mark.parametrize(
+    ("times_us", "sentence"),
+    [
+        ((10, 30, 20), "1 event came after a later one and was put in order"),
+        ((30, 20, 10), "2 events came after later ones and were put in order"),
+        ((10, 20, 30), ""),
+    ],
+)
+def test_events_that_are_put_in_order_are_told(clsim, tmp_path, times_us, sentence):
+    source = tmp_path / "a.txt"
+    source.write_text("".join(f"{t} 1 2 1\n" for t in times_us))
+    for command in (("info", source), ("convert", source, tmp_path / "b.txt")):
+        outcome = clsim(*command)
+        told_there = [line for line in outcome.stderr.splitlines() if "in order" in line]
+        assert outcome.status == 0 and told_there == [f"clsim: {source}: {sentence}"] * bool(sentence)
+    assert [int(line.split()[0]) for line in (tmp_path / "b.txt").read_text().splitlines()] == [10, 20, 30]
+
+
+def test_labels_that_a_format_cannot_hold_are_told(clsim, tmp_path):
+    sink = open_sink(tmp_path / "a.h5", 20, 10, labels=("cause",))
+    sink.write(np.array([(5, 1, 2, True)], EVENT_DTYPE), 5, np.array([1], np.uint8))
+    sink.close()
+    for name, lost in (("b.txt", True), ("b.parquet", False)):
+        outcome = clsim("convert", tmp_path / "a.h5", tmp_path / name)
+        assert outcome.status == 0
+        assert (f"{tmp_path}/{name}: its format cannot hold cause of events" in outcome.stderr) == lost
 
 
 def test_warnings_of_a_scene_come_first_and_what_it_needs_not_is_no_lack(clsim, tmp_path):

@@ -42,3 +42,6 @@ def test_windows_are_whole_microseconds_however_they_are_told(unit: str, per_us:
 
 def test_several_windows_are_each_taken_once_and_the_smallest_first() -> None:
     assert parse.windows_us("3ms,300us,0.3ms,1ms", "--within") == (300, 1_000, 3_000)
+    for text in ("0.4us", "1ms,0.4us"):
+        with pytest.raises(InputError, match="--within must be times of at least 1us"):
+            parse.windows_us(text, "--within")

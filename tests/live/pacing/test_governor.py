@@ -242,6 +242,18 @@ def test_a_rise_is_told_from_a_failure_once_the_usual_time_is_known(frames: int,
     assert wait <= after < wait + 10
 
 
+@pytest.mark.parametrize(("slow_frames", "wait"), [(200, 40), (5, 20)])
+def test_the_usual_time_is_that_of_the_last_frames(slow_frames: int, wait: int) -> None:
+    """A load that rose long ago is the usual one, however long it was lower before: what leaves the level then is a
+    failure of it, and not a rise."""
+    governor = Governor([2.0, 1.0], BUDGET_S)
+    for k in range(1000 + slow_frames):
+        assert not governor.observe((0.5 if k < 1000 else 0.85) * BUDGET_S)
+    assert [governor.observe(1.02 * BUDGET_S) for _ in range(2)] == [False, True]
+    after = next(k for k in range(100) if governor.observe(0.2 * BUDGET_S))
+    assert wait <= after < wait + 10
+
+
 def test_failures_are_forgotten_for_good_as_soon_as_the_load_falls() -> None:
     governor = Governor([2.0, 1.0], BUDGET_S)
     for failures in range(4):

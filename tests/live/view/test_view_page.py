@@ -139,10 +139,10 @@ def test_other_sites_and_names_are_refused(sink: ViewSink) -> None:
 
 def test_packets_hold_every_event() -> None:
     events = random_events(3 * PACKET_EVENTS + 17, WIDTH, HEIGHT, end_us=20_000_000_000)
-    packets = list(event_packets(events, 20_000_000_001))
-    assert sum(count for _, count in packets) == len(events)
-    assert np.array_equal(np.concatenate([decode(packet)[3] for packet, _ in packets]), events)
-    assert decode(packets[-1][0])[1] == 20_000_000_001
+    told = [(*decode(packet), count) for packet, count in event_packets(events, 20_000_000_001)]
+    assert sum(each[-1] for each in told) == len(events)
+    assert np.array_equal(np.concatenate([each[3] for each in told]), events)
+    assert [each[1] for each in told] == [*(each[3]["t"][-1] for each in told[:-1]), 20_000_000_001]
     events["t"][-17:] = events["t"][-17] + (1 << 32) * np.arange(17)  # a packet's own times have 32 bits
     packets = list(event_packets(events[-20:], 1 << 40))
     assert np.array_equal(np.concatenate([decode(packet)[3] for packet, _ in packets]), events[-20:])

@@ -65,12 +65,15 @@ def test_slow_motion_has_more_pictures_of_less_time_each(tmp_path: Path, speed: 
     assert count == pytest.approx(30 * lasts_s / speed, abs=1)
 
 
-def test_a_png_shows_the_window_that_is_asked_for(tmp_path: Path) -> None:
-    look = Look(accumulate_us=100_000, scale=1)
+@pytest.mark.parametrize("decay", [False, True])
+def test_a_png_shows_the_window_that_is_asked_for(tmp_path: Path, decay: bool) -> None:
+    """What fades is shown for five times as long."""
+    look = Look(accumulate_us=60_000, scale=1, decay=decay)
     write_picture(str(tmp_path / "at.png"), BATCHES, SIZE, look, Film(), at_us=900_000)
-    inside = EVENTS[(EVENTS["t"] >= 800_000) & (EVENTS["t"] < 900_000)]
+    inside = EVENTS[(EVENTS["t"] >= 900_000 - 60_000 * (5 if decay else 1)) & (EVENTS["t"] < 900_000)]
+    weights = np.exp((inside["t"] - 900_000) / 60_000) if decay else np.ones(len(inside))
     sums = np.zeros((SIZE[1], SIZE[0]))
-    np.add.at(sums, (inside["y"], inside["x"]), np.where(inside["on"], 1.0, -1.0))
+    np.add.at(sums, (inside["y"], inside["x"]), np.where(inside["on"], weights, -weights))
     wanted = lut()[(128 + np.rint(np.clip(sums / 2, -1, 1) * 127)).astype(int)]
     with Image.open(tmp_path / "at.png") as picture:
         assert np.array_equal(np.asarray(picture.convert("RGB")), wanted)

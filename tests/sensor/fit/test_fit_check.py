@@ -1,6 +1,7 @@
 """One half of a recording predicts the other: rates and flips, within errors of its own."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -59,6 +60,23 @@ def test_a_half_that_is_another_is_noticed():
     parts = quarters(RATES, 20.0)[:2] + quarters(replace(RATES, noise=Noise(0.4, 0.4, spread_decades=0.25)), 20.0)[2:]
     rows = {row.name: row.errors_off for row in predicted(parts)[1]}
     assert rows["OFF [1/s]"] > 4
+
+
+@pytest.mark.parametrize("seconds", [(20.0, 5.0), (20.0, 80.0)])
+def test_errors_are_those_of_counting_in_both_halves(seconds):
+    """Events at random times, half of them flips: of n events the error is √n, and both halves have one."""
+    draw, shape, rate = np.random.default_rng(0), (HEIGHT, WIDTH), 0.5
+    parts = []
+    for quarter_s in (seconds[0] / 2,) * 2 + (seconds[1] / 2,) * 2:
+        on, off, alike, opposite = draw.poisson(rate * quarter_s, (4, *shape))
+        parts.append(Counts(on, off, quarter_s, alike, opposite))
+    fit, rows = predicted(parts)
+    pixels = np.count_nonzero(~fit.hot)
+    inverse_s = 1 / seconds[0] + 1 / seconds[1]
+    for row in rows[:2]:
+        assert row.expected[1] == pytest.approx(math.sqrt(rate / pixels * inverse_s), rel=0.05)
+    assert rows[2].expected[1] == pytest.approx(math.sqrt(0.25 / (2 * rate * pixels) * inverse_s), rel=0.15)
+    assert max(row.errors_off for row in rows) < 3.5
 
 
 def test_pairs_are_of_a_pixel_and_go_on_from_batch_to_batch():

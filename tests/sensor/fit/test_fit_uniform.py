@@ -73,6 +73,10 @@ def test_thresholds_photons_and_leak_are_found(tmp_path):
     (tmp_path / "a.toml").write_text(noise_table(rates[::-1], found))
     noise = load_sensor(str(tmp_path / "a.toml")).noise
     assert noise.lux == LUX and noise.off_hz == pytest.approx([each.off_hz[0] for each in rates], rel=1e-4)
+    # What leaks is no noise; where chance has it that there is less than that, there is none.
+    leaks = [found.leak_hz[0] + found.leak_hz_per_lux[0] * lux for lux in LUX]
+    expected = [max(0.0, each.on_hz[0] - leak) for each, leak in zip(rates, leaks, strict=True)]
+    assert noise.on_hz == pytest.approx(expected, rel=1e-4)
     assert (errors_off(found) < 3.5).all(), found
     assert found.on[1] < 0.01 and found.photons_per_lux[1] < 0.3 and found.leak_hz_per_lux[1] < 0.002
     assert found.misfit < 3
