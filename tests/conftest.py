@@ -3,6 +3,7 @@
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -68,3 +69,32 @@ def ordinary_kernels(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReq
         from tests.shared_kernels import ORDINARY, widen
 
         widen(monkeypatch, request, ORDINARY)
+
+
+@pytest.fixture(scope="module")
+def mi() -> Any:
+    """Mitsuba 3 for pictures: with LLVM if that works here, else slowly.
+
+    Set anew for each module, as some tests set a variant of their own.
+    """
+    from tools.peers.mitsuba_variant import LLVM, SCALAR
+
+    return _mitsuba_or_skip(LLVM, SCALAR)
+
+
+@pytest.fixture(scope="module")
+def llvm_mitsuba() -> Any:
+    """Mitsuba 3 for tools that time it: with LLVM or not at all."""
+    from tools.peers.mitsuba_variant import LLVM
+
+    return _mitsuba_or_skip(LLVM)
+
+
+def _mitsuba_or_skip(*variants: str) -> Any:
+    from clsim.errors import InputError
+    from tools.peers.mitsuba_variant import load_mitsuba
+
+    try:
+        return load_mitsuba(*variants)
+    except InputError as error:
+        pytest.skip(str(error))

@@ -22,7 +22,7 @@ from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world
 from tools.peers.mitsuba_files import load_mitsuba_file
-from tools.peers.mitsuba_scene import load_mitsuba
+from tools.peers.mitsuba_variant import load_mitsuba
 
 
 def mitsubas_scene(path: str, spp: int) -> dict[str, Any]:

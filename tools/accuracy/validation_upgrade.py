@@ -20,7 +20,7 @@ from clsim.scene import load_world
 from clsim.scene.light.daylight import SUN_DEG
 from clsim.scene.pictures.images import decode_srgb
 from tools.peers.mitsuba_files import renew
-from tools.peers.mitsuba_scene import load_mitsuba
+from tools.peers.mitsuba_variant import load_mitsuba
 
 _UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From a sky with +z up to one with +y up."""

@@ -13,7 +13,8 @@ from clsim.render import RenderOptions
 from clsim.render.sampling.sampling import stream_state
 from clsim.scene import Lens, World
 from tools.peers.mitsuba_files import load_mitsuba_file
-from tools.peers.mitsuba_scene import MISSING, camera_pose, check_plain, load_mitsuba, mitsuba_scene, move_scene
+from tools.peers.mitsuba_scene import camera_pose, check_plain, mitsuba_scene, move_scene
+from tools.peers.mitsuba_variant import load_mitsuba
 
 _PLANES = {RADIANCE: "", ALBEDO: "albedo:albedo", NORMAL: "normal:sh_normal", DEPTH: "depth:depth"}
 """Planes in the order of Mitsuba's channels, and the arbitrary output variables that hold them."""
@@ -84,11 +85,9 @@ def require_mitsuba(world: World, file: Path | None) -> Any:
     """Return Mitsuba if it can render the world, read from Mitsuba's own ``file`` or handed over.
 
     Raises:
-        InputError: it is not installed, or the world has what cannot be handed over.
+        InputError: it is not installed or does not work here, or the world has what cannot be handed over.
     """
     mitsuba = load_mitsuba()
-    if mitsuba is None:
-        raise InputError(f"{MISSING}; pip install 'clsim[oracle]'")
     if world.camera.lens != Lens() or world.camera.shutter_s > 0:
         raise InputError(f"{world.name}: a lens or an exposure time is not handed to Mitsuba, expected a pinhole")
     if file is None:

@@ -1,13 +1,7 @@
-"""Mitsuba 3 (Jakob et al., 2022) on the same world, as a yardstick; an optional package."""
+"""Mitsuba 3 (Jakob et al., 2022) on the same world, as a yardstick."""
 
 from __future__ import annotations
 
-import ctypes.util
-import functools
-import os
-import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,48 +11,6 @@ from clsim.errors import InputError
 from clsim.scene import CheckerTexture, Instance, Material, SphereLight, World
 
 F64 = npt.NDArray[np.float64]
-
-
-MISSING = "Mitsuba 3 or the LLVM library it needs is not installed, or the two cannot render on this processor"
-_TRIAL = """
-import mitsuba
-mitsuba.set_variant("llvm_ad_rgb")
-camera = {"type": "perspective", "film": {"type": "hdrfilm", "width": 2, "height": 2}}
-parts = {"integrator": {"type": "path"}, "camera": camera, "shape": {"type": "sphere"}, "sky": {"type": "constant"}}
-scene = mitsuba.load_dict({"type": "scene", **parts})
-assert mitsuba.Bitmap(mitsuba.render(scene, spp=1)).width() == 2
-"""
-_TRIAL_S = 120.0
-
-
-def load_mitsuba() -> Any:
-    """Return the module with its LLVM variant set, or None for the reason that `MISSING` tells."""
-    try:
-        import mitsuba
-    except ImportError:
-        return None
-    llvm = os.environ.get("DRJIT_LIBLLVM_PATH") or _newest_llvm()
-    if llvm is None or not _renders(llvm):
-        return None
-    os.environ["DRJIT_LIBLLVM_PATH"] = llvm
-    mitsuba.set_variant("llvm_ad_rgb")
-    return mitsuba
-
-
-def _newest_llvm() -> str | None:
-    libraries = sorted(Path("/usr/lib").glob("*/libLLVM-*.so"), key=lambda path: float(path.stem.split("-")[-1]))
-    return str(libraries[-1]) if libraries else ctypes.util.find_library("LLVM")
-
-
-@functools.cache
-def _renders(llvm: str) -> bool:
-    """Whether Mitsuba renders with that library: in a process of its own, which LLVM ends where it cannot compile."""
-    environment = os.environ | {"DRJIT_LIBLLVM_PATH": llvm}
-    command = [sys.executable, "-c", _TRIAL]
-    try:
-        return subprocess.run(command, env=environment, capture_output=True, timeout=_TRIAL_S).returncode == 0
-    except subprocess.TimeoutExpired:
-        return False
 
 
 def mitsuba_scene(mitsuba: Any, world: World, max_depth: int) -> Any:

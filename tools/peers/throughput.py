@@ -21,12 +21,12 @@ from clsim.bench.throughput.detect import detect_throughput, noise_frame
 from clsim.bench.throughput.render import MAX_DEPTH, measure_world
 from clsim.bench.throughput.render_worlds import bumpy_room, cornell
 from clsim.bench.throughput.scene import scene_throughput
-from clsim.errors import InputError
 from clsim.frames import Frame
 from clsim.render.device.devices import start_warp
 from clsim.scene import World, load_world
 from tools.accuracy.validation_render import mitsubas_scene
-from tools.peers.mitsuba_scene import MISSING, load_mitsuba, mitsuba_scene
+from tools.peers.mitsuba_scene import mitsuba_scene
+from tools.peers.mitsuba_variant import load_mitsuba
 from tools.peers.plain_wlr import cut_window, solve_window
 
 WINDOW = 13
@@ -59,9 +59,9 @@ def beside_mitsuba(world: World, spp: int, rounds: int) -> dict[str, Any]:
     """Measure a world with both renderers in turns; ``mitsuba_ratio`` is our paths per second over Mitsuba's.
 
     Raises:
-        InputError: Mitsuba is not installed or cannot have the world.
+        InputError: Mitsuba does not work here or cannot have the world.
     """
-    mitsuba = _mitsuba()
+    mitsuba = load_mitsuba()
     result = measure_world(world, spp, rounds, {"mitsuba": mitsuba_render(mitsuba, world, spp)})
     for ratio, rate in (("mitsuba_ratio", "paths_per_second"), ("mitsuba_cpu_ratio", "paths_per_cpu_second")):
         result[ratio] = result[rate]["bvh16"] / result[rate]["mitsuba"]
@@ -83,22 +83,15 @@ def file_beside_mitsuba(path: str, spp: int, rounds: int) -> dict[str, Any]:
     """Return what `scene_throughput` tells of a scene of Mitsuba's, and our paths and efficiency over Mitsuba's.
 
     Raises:
-        InputError: Mitsuba is not installed.
+        InputError: Mitsuba does not work here.
     """
-    mitsuba = _mitsuba()
+    mitsuba = load_mitsuba()
     asked = mitsubas_scene(path, spp)
     others = {"mitsuba": lambda seed: np.array(mitsuba.render(**asked, seed=seed))}
     result: dict[str, Any] = {**scene_throughput(load_world(path), spp=spp, rounds=rounds, others=others)}
     for ratio, figure in (("mitsuba_cpu_ratio", "paths_per_cpu_second"), ("mitsuba_efficiency_ratio", "efficiency")):
         result[ratio] = result[figure]["clsim"] / result[figure]["mitsuba"]
     return result
-
-
-def _mitsuba() -> Any:
-    mitsuba = load_mitsuba()
-    if mitsuba is None:
-        raise InputError(f"{MISSING}; pip install 'clsim[oracle]'")
-    return mitsuba
 
 
 def main() -> None:

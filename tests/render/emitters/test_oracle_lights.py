@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes.util
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,17 +15,6 @@ pytestmark = [pytest.mark.oracle, pytest.mark.timeout(600)]
 MAPS = Path(__file__).parents[3].parent / "shared" / "assets" / "hdri"
 SIZE, BLOCK = 64, 8
 DEPTH = 8
-
-
-@pytest.fixture(scope="module")
-def mi():
-    """Mitsuba, in its LLVM variant where LLVM is found."""
-    mitsuba = pytest.importorskip("mitsuba", reason="needs the oracle extra")
-    library = ctypes.util.find_library("LLVM-19") or ctypes.util.find_library("LLVM")
-    if library:
-        os.environ.setdefault("DRJIT_LIBLLVM_PATH", library)
-    mitsuba.set_variant("llvm_ad_rgb" if "DRJIT_LIBLLVM_PATH" in os.environ else "scalar_rgb")
-    return mitsuba
 
 
 def rgb(values):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes.util
-import os
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,17 +16,6 @@ pytestmark = pytest.mark.oracle
 WHITE = (1.0, 1.0, 1.0)
 SIZE, BLOCK = 32, 8
 GOLD = {"eta": (0.143, 0.375, 1.442), "k": (3.983, 2.386, 1.603)}
-
-
-@pytest.fixture(scope="module")
-def mi():
-    """Mitsuba, in its LLVM variant where LLVM is found."""
-    mitsuba = pytest.importorskip("mitsuba", reason="needs the oracle extra")
-    library = ctypes.util.find_library("LLVM-19") or ctypes.util.find_library("LLVM")
-    if library and "DRJIT_LIBLLVM_PATH" not in os.environ:
-        os.environ["DRJIT_LIBLLVM_PATH"] = library
-    mitsuba.set_variant("llvm_ad_rgb" if "DRJIT_LIBLLVM_PATH" in os.environ else "scalar_rgb")
-    return mitsuba
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes.util
-import os
-
 import numpy as np
 import pytest
 
@@ -26,17 +23,6 @@ FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="3"/>
 SUN = """<emitter type="directional"><vector name="direction" x="-1" y="-0.8" z="-0.3"/>
     <rgb name="irradiance" value="3"/></emitter>"""
 SKY = '<emitter type="constant"><rgb name="radiance" value="0.5, 0.6, 0.8"/></emitter>'
-
-
-@pytest.fixture(scope="module")
-def mi():
-    """Mitsuba, in its LLVM variant where LLVM is found."""
-    mitsuba = pytest.importorskip("mitsuba", reason="needs the oracle extra")
-    library = ctypes.util.find_library("LLVM-19") or ctypes.util.find_library("LLVM")
-    if library:
-        os.environ.setdefault("DRJIT_LIBLLVM_PATH", library)
-    mitsuba.set_variant("llvm_ad_rgb" if "DRJIT_LIBLLVM_PATH" in os.environ else "scalar_rgb")
-    return mitsuba
 
 
 def ours(path, spp):

@@ -11,7 +11,6 @@ from clsim.bench.throughput.detect import noise_frame
 from clsim.render import RenderOptions
 from clsim.scene import load_world
 from tools.peers.chain import SPP, chain_config, run_chain, time_plain
-from tools.peers.mitsuba_scene import MISSING, load_mitsuba
 
 
 def test_windows_of_a_run_are_timed() -> None:
@@ -22,9 +21,8 @@ def test_windows_of_a_run_are_timed() -> None:
 
 
 @pytest.mark.oracle
+@pytest.mark.usefixtures("llvm_mitsuba")
 def test_all_of_the_chain_is_counted() -> None:
-    if load_mitsuba() is None:
-        pytest.skip(MISSING)
     world = load_world("cornell", resolution=(16, 12))
     told: list[int] = []
     options = RenderOptions(spp=SPP, frames=4, fps=10.0, noise="independent")

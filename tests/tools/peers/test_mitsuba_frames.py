@@ -11,16 +11,9 @@ from clsim.frames import ALBEDO, RADIANCE, Frame, FrameSource
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world
 from tools.peers.mitsuba_frames import MitsubaFrames
-from tools.peers.mitsuba_scene import MISSING, load_mitsuba
 
 ROOM = Path(__file__).resolve().parents[3].parent / "shared" / "assets" / "mitsuba" / "living-room" / "scene.xml"
 WIDTH, HEIGHT, SPP = 32, 24, 1024
-
-
-@pytest.fixture(autouse=True)
-def need_mitsuba() -> None:
-    if load_mitsuba() is None:
-        pytest.skip(MISSING)
 
 
 def rendered(source: FrameSource, index: int) -> Frame:
@@ -35,6 +28,7 @@ def blocks(plane: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.oracle
+@pytest.mark.usefixtures("llvm_mitsuba")
 @pytest.mark.parametrize("scene", ["two-boxes", "moving-light", "cornell", ROOM], ids=lambda scene: Path(scene).stem)
 def test_both_render_the_same(scene: str | Path) -> None:
     """Means of blocks agree within the noise, late in the motion, so that a thing left behind would show.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,6 @@ from clsim.bench.tradeoff.sweep import TradeoffOptions
 from clsim.errors import InputError
 from clsim.scene import Lens, load_world
 from tools.peers import manabe
-from tools.peers.mitsuba_scene import MISSING, load_mitsuba
 from tools.peers.points import run_peers, saving, text
 
 POINTS = tuple(Point(Rendering(2, "common", seed), ESIM) for seed in (0, 1))
@@ -60,9 +60,8 @@ def test_a_peer_is_set_beside_the_points(tmp_path: Path, few_samples: None, monk
 
 
 @pytest.mark.oracle
+@pytest.mark.usefixtures("llvm_mitsuba")
 def test_the_chain_is_a_peer(tmp_path: Path) -> None:
-    if load_mitsuba() is None:
-        pytest.skip(MISSING)
     (row,) = run(tmp_path, "chain")["peer_settings"]
     assert row["paths"] == 16 * 12 * 4 * 32 and row["true_events"] > 0
     assert row["cpu_s"] == pytest.approx(row["render_cpu_s"] + row["detect_cpu_s"])
@@ -79,8 +78,8 @@ def test_unknown_peers_are_refused(tmp_path: Path) -> None:
 def test_what_a_peer_cannot_render_is_told_before_anything_is_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tools.peers.mitsuba_frames.load_mitsuba", lambda: None)
-    with pytest.raises(InputError, match="Mitsuba 3 or the LLVM library it needs is not installed"):
+    with monkeypatch.context() as missing, pytest.raises(InputError, match="Mitsuba 3 is not installed"):
+        missing.setitem(sys.modules, "mitsuba", None)
         run(tmp_path, "chain")
     world = load_world("cornell")
     glass = replace(world, materials=tuple(replace(each, kind="dielectric") for each in world.materials))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from clsim.bench.throughput.render_worlds import bumpy_room, cornell
-from tools.peers.mitsuba_scene import MISSING, load_mitsuba
 from tools.peers.throughput import beside_mitsuba, numpy_fits_per_cpu_second
 
 
@@ -14,13 +13,12 @@ def test_numpy_fits_are_counted() -> None:
 
 
 @pytest.mark.oracle
+@pytest.mark.usefixtures("llvm_mitsuba")
 @pytest.mark.parametrize(
     ("world", "noise"), [(cornell(64), 0.001), (bumpy_room(20_000, 64), 0.005)], ids=["cornell", "bumpy"]
 )
 def test_mitsuba_renders_the_same(world, noise):
     """Within four times the noise of the difference, which was measured over seeds."""
-    if load_mitsuba() is None:
-        pytest.skip(MISSING)
     result = beside_mitsuba(world, spp=512, rounds=1)
     radiance = result["mean_radiance"]
     assert abs(radiance["bvh16"] / radiance["mitsuba"] - 1) < 4 * noise

@@ -1,0 +1,25 @@
+"""The camera that goes round what a file holds: it sees all of it, and not much else."""
+
+import math
+
+import numpy as np
+import pytest
+
+from clsim.scene.defaults.framing import orbiting_camera
+
+
+@pytest.mark.parametrize("size", [(1, 1, 1), (8, 0.5, 1), (0.2, 5, 0.3), (0.5, 4, 6), (0, 3, 0), (2, 0, 2)])
+def test_a_box_is_just_seen_whole_from_everywhere_on_the_orbit(size):
+    """By the pinhole's own projection; at the widest, 1.05 of the distance is left at the picture's edge."""
+    center = np.array((5.0, -2.0, 1.0))
+    camera = orbiting_camera(tuple(center.tolist()), np.array(size, float), period_s=4.0)
+    right = math.tan(math.radians(camera.fov_deg / 2))
+    limits = np.array((right, right * camera.height / camera.width))
+    corners = center + np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3), axis=-1).reshape(-1, 3) * size
+    widest = 0.0
+    for time_s in np.linspace(0.0, 4.0, 72, endpoint=False):
+        pose = camera.motion.pose(time_s)
+        x, y, z = ((corners - pose[:3, 3]) @ pose[:3, :3]).T
+        assert (z < 0).all()
+        widest = max(widest, float((np.abs(np.stack([x, y], axis=1)) / -z[:, None] / limits).max()))
+    assert 0.85 < widest < 1
