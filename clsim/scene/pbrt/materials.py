@@ -13,7 +13,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.scene.light.spectra import METALS, blackbody_rgb, rgb_of_light, rgb_of_reflectance
 from clsim.scene.pbrt.tokens import Parameters, file_of
-from clsim.scene.pictures.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
+from clsim.scene.pictures.images import F64, U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
 
 WRAPS: dict[str, Wrap] = {"repeat": "repeat", "clamp": "clamp", "black": "clamp", "octahedralsphere": "clamp"}
@@ -83,8 +83,7 @@ class MaterialReader:
             a, b, c = (x * y for x, y in zip(inner.color, factor.color, strict=True))
             self._named[name] = NamedTexture((a, b, c), inner.index)
         elif kind == "imagemap":
-            factor_value = parameters.number("scale", 1.0)
-            self._named[name] = NamedTexture((factor_value,) * 3, self._imagemap(parameters))
+            self._named[name] = self._imagemap(parameters)
         elif kind == "checkerboard":
             self._named[name] = NamedTexture(WHITE, self._checkerboard(parameters))
         else:
@@ -141,22 +140,25 @@ class MaterialReader:
         self._warn(f"the spectrum {name} is not known; 1 stands in")
         return WHITE
 
-    def _imagemap(self, parameters: Parameters) -> int:
+    def _imagemap(self, parameters: Parameters) -> NamedTexture:
         path = file_of(parameters.place, parameters.word("filename", ""), self._folder)
         wrap = WRAPS.get(parameters.word("wrap", "repeat"), "repeat")
         linear = parameters.word("encoding", "sRGB").lower() != "srgb"
         nearest = parameters.word("filter", "bilinear") == "point"
-        invert = parameters.flag("invert", False)
+        factor = parameters.number("scale", 1.0)
+        inverted = factor if parameters.flag("invert", False) else None
         matrix = self._mapping(parameters)
-        key = (path, wrap, linear, nearest, invert, matrix)
+        key = (path, wrap, linear, nearest, inverted, matrix)
         if key not in self._added:
             pixels = self._image(path)
-            if invert:
-                pixels = np.concatenate([255 - pixels[..., :3], pixels[..., 3:]], axis=2)
+            if inverted is not None:  # 1 less the light that it would be
+                light = 1.0 - inverted * _light_of_codes(srgb=not linear)
+                codes = np.clip(light * 255.0 + 0.5, 0, 255).astype(np.uint8) if linear else encode_srgb8(light)
+                pixels = np.concatenate([codes[pixels[..., :3]], pixels[..., 3:]], axis=2)
             self._added[key] = self._append(
                 ImageTexture(pixels, srgb=not linear, wrap_u=wrap, wrap_v=wrap, nearest=nearest, uv_matrix=matrix)
             )
-        return self._added[key]
+        return NamedTexture(WHITE if inverted is not None else (factor,) * 3, self._added[key])
 
     def _checkerboard(self, parameters: Parameters) -> int:
         """Return a checkerboard as an image of four texels that spans two squares each way."""
@@ -195,9 +197,9 @@ class MaterialReader:
         image = self.textures[alpha.index]
         if not isinstance(image, ImageTexture):
             return material
-        table = decode_srgb(np.arange(256) / 255.0) if image.srgb else np.arange(256) / 255.0
         pixels = image.pixels.copy()
-        pixels[..., 3] = np.clip(table[pixels[..., :3]].mean(axis=2) * 255.0 + 0.5, 0, 255).astype(np.uint8)
+        share = (_light_of_codes(srgb=image.srgb)[pixels[..., :3]] * alpha.color).mean(axis=2)
+        pixels[..., 3] = np.clip(share * 255.0 + 0.5, 0, 255).astype(np.uint8)
         return replace(material, alpha_mode="blend", opacity_texture=self._append(replace(image, pixels=pixels)))
 
     def read(self, kind: str, parameters: Parameters) -> Material:
@@ -277,8 +279,7 @@ class MaterialReader:
         image = None if texture.index < 0 else self.textures[texture.index]
         values = np.full((1, 1, 3), 1.0)
         if isinstance(image, ImageTexture):
-            table = decode_srgb(np.arange(256) / 255.0) if image.srgb else np.arange(256) / 255.0
-            values = table[image.pixels[..., :3]]
+            values = _light_of_codes(srgb=image.srgb)[image.pixels[..., :3]]
         roughness = np.maximum((values * texture.color).mean(axis=2), 0.0)
         alpha = np.sqrt(roughness) if remapped else roughness
         if not isinstance(image, ImageTexture):
@@ -287,3 +288,9 @@ class MaterialReader:
         if key not in self._added:
             self._added[key] = self._append(replace(image, pixels=roughness_pixels(alpha), srgb=False))
         return {"alpha": 1.0, "roughness_texture": self._added[key]}
+
+
+def _light_of_codes(*, srgb: bool) -> F64:
+    """Return the light that the 256 codes of 8 bits stand for."""
+    plain = np.arange(256) / 255.0
+    return decode_srgb(plain) if srgb else plain

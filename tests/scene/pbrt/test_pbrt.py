@@ -90,12 +90,12 @@ def test_instances_includes_and_named_materials(tmp_path):
     (tmp_path / "part.pbrt").write_text('MakeNamedMaterial "gold" "string type" "conductor" "float roughness" 0.25\n')
     body = (
         'Include "part.pbrt" NamedMaterial "gold" ObjectBegin "o" Translate 0 0 1 ' + TRIANGLE + "ObjectEnd\n"
-        'Translate 2 0 0 ObjectInstance "o" Scale 1 3 1 ObjectInstance "o"'
+        'Translate 2 0 0 ObjectInstance "o" Scale 1 3 2 ObjectInstance "o"'
     )
     world = load(tmp_path, body)
     assert len(world.instances) == 2
     assert {tuple(p) for p in corners(world, 0).tolist()} == {(2, 0, -1), (3, 0, -1), (2, 1, -1)}
-    assert {tuple(p) for p in corners(world, 1).tolist()} == {(2, 0, -1), (3, 0, -1), (2, 3, -1)}
+    assert {tuple(p) for p in corners(world, 1).tolist()} == {(2, 0, -2), (3, 0, -2), (2, 3, -2)}
     material = world.materials[world.meshes[0].material_ids[0]]
     assert material.kind == "conductor" and material.alpha == 0.5  # remapped by the square root
     assert material.eta == METALS["Cu"][0]

@@ -17,6 +17,16 @@ def surface(tmp_path, material, before=""):
     return world, world.materials[world.meshes[0].material_ids[0]]
 
 
+@pytest.mark.parametrize("kind", ["spot", "distant"])
+@pytest.mark.parametrize("start", [(0, 0, 0), (3, 0, 1), (0, 2, 5)])
+def test_lights_shine_to_one_ahead_of_the_origin_unless_told(tmp_path, kind, start):
+    """``to`` is (0, 0, 1) wherever ``from`` is (file format, "Lights")."""
+    x, y, z = start
+    (light,) = load(tmp_path, f'LightSource "{kind}" "point3 from" [{x} {y} {z}] ' + TRIANGLE).punctual_lights
+    away = np.array((-x, -y, z - 1)) / math.hypot(x, y, z - 1)  # pbrt's z is the other way
+    np.testing.assert_allclose(-light.motion.pose(0.0)[:3, 2], away, atol=1e-6)
+
+
 @pytest.mark.parametrize(("told", "inner", "outer"), [("", 25, 30), ('"float coneangle" 50', 45, 50)])
 def test_spots_fall_off_over_five_degrees_unless_told(tmp_path, told, inner, outer):
     (spot,) = load(tmp_path, f'LightSource "spot" {told} ' + TRIANGLE).punctual_lights
@@ -97,6 +107,34 @@ def test_spectra_are_pairs_of_a_wavelength_and_a_value(tmp_path):
     assert red.color[0] > 0.5 > 0.1 > red.color[2] and math.isfinite(sum(red.color))
 
 
+@pytest.mark.parametrize("name", ["uv", "st"])
+def test_a_mesh_has_its_texture_coordinates_by_either_name(tmp_path, name):
+    told = TRIANGLE.rstrip() + f' "point2 {name}" [0 0.25  1 0.5  0.75 1]\n'
+    np.testing.assert_allclose(load(tmp_path, told).meshes[0].uvs, [(0, 0.25), (1, 0.5), (0.75, 1)])
+
+
+@pytest.mark.parametrize(("u", "v"), [(0.0, 0.25), (0.25, 0.0)])
+def test_what_is_smooth_along_one_tangent_alone_is_nearly_so(tmp_path, u, v):
+    told = f'"conductor" "float uroughness" {u} "float vroughness" {v}'
+    _, found = surface(tmp_path, told)
+    along = found.alpha * found.stretch, found.alpha / found.stretch
+    assert along == pytest.approx([math.sqrt(each) or 0.001 for each in (u, v)])
+
+
+@pytest.mark.parametrize("name", ["stdillum-D65", "illum-acesD60"])
+def test_light_of_a_named_illuminant_is_white(tmp_path, name):
+    world = load(tmp_path, f'LightSource "point" "spectrum I" "{name}" "float scale" 3 ' + TRIANGLE)
+    assert world.punctual_lights[0].intensity == (3, 3, 3) and world.warnings == ()
+
+
+def test_beyond_the_wavelengths_that_a_spectrum_tells_it_is_dark(tmp_path):
+    """As pbrt-v4's PiecewiseLinearSpectrum: 0 outside of its range, not its ends."""
+    band, whole = "500 1 600 1", "360 0 499 0 500 1 600 1 601 0 830 0"
+    for told in ('"diffuse" "spectrum reflectance" [%s]', '"dielectric" "spectrum eta" [%s]'):
+        alone, explicit = (surface(tmp_path, told % pairs)[1] for pairs in (band, whole))
+        assert (*alone.color, alone.ior) == pytest.approx((*explicit.color, explicit.ior), abs=2e-3)
+
+
 def test_a_reversal_turns_the_normals_that_a_mesh_tells(tmp_path):
     """ReverseOrientation turns a mesh's N too (pbrt-v4, TriangleMesh), so that it is shaded from the same side."""
     told = TRIANGLE.rstrip() + ' "normal N" [0 0.6 0.8  0 0 1  0.6 0 0.8]\n'
@@ -129,15 +167,36 @@ def test_a_shapes_alpha_lets_that_share_of_light_pass(tmp_path, told, opacity):
 
 
 @pytest.mark.parametrize("encoding", ["sRGB", "linear"])
-def test_a_picture_of_alpha_counts_by_the_mean_of_its_colours_as_light(tmp_path, encoding):
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+@pytest.mark.parametrize("invert", [False, True])
+def test_a_picture_is_inverted_as_light_after_its_scale(tmp_path, encoding, scale, invert):
+    """ImageTexture of pbrt-v4: 1 less the decoded texel times its scale, and not less than 0; opacity stays."""
+    pixels = np.array([[(255, 128, 0, 255), (60, 200, 90, 255)]], np.uint8)
+    PIL.Image.fromarray(pixels[..., :3]).save(tmp_path / "a.png")
+    told = f'"float scale" {scale} "bool invert" {str(invert).lower()} "string encoding" "{encoding}"'
+    before = f'Texture "t" "spectrum" "imagemap" "string filename" "a.png" {told}\n'
+    world, found = surface(tmp_path, '"diffuse" "texture reflectance" "t"', before)
+    image = world.textures[found.texture]
+    told_light, shown = (
+        decode_srgb(p[..., :3] / 255) if encoding == "sRGB" else p[..., :3] / 255 for p in (pixels, image.pixels)
+    )
+    expected = 1 - scale * told_light if invert else scale * told_light
+    np.testing.assert_allclose(shown * found.color, expected, atol=0.005)
+    assert (image.pixels[..., 3] == 255).all()
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.4])
+@pytest.mark.parametrize("encoding", ["sRGB", "linear"])
+def test_a_picture_of_alpha_counts_by_the_mean_of_its_colours_as_light(tmp_path, encoding, scale):
     pixels = np.array([[(255, 255, 255), (128, 128, 128), (200, 100, 0)]], np.uint8)
     PIL.Image.fromarray(pixels).save(tmp_path / "a.png")
-    picture = f'Texture "t" "float" "imagemap" "string filename" "a.png" "string encoding" "{encoding}"\n'
+    picture = f'Texture "t" "float" "imagemap" "string filename" "a.png" "string encoding" "{encoding}"'
+    picture += f' "float scale" {scale}\n'
     world = load(tmp_path, picture + 'Shape "disk" "texture alpha" "t"')
     found = world.materials[world.meshes[0].material_ids[0]]
     light = decode_srgb(pixels / 255) if encoding == "sRGB" else pixels / 255
     opacity = world.textures[found.opacity_texture].pixels[..., 3] / 255
-    np.testing.assert_allclose(opacity, light.mean(axis=2), atol=0.5 / 255)
+    np.testing.assert_allclose(opacity, scale * light.mean(axis=2), atol=0.5 / 255)
 
 
 @pytest.mark.parametrize("table", ["400 1 2\n700 1 2\n", "400\n700\n", "400 nan\n700 1\n", "400 one\n"])
@@ -145,3 +204,15 @@ def test_a_file_that_is_no_table_of_a_spectrum_is_refused(tmp_path, table):
     (tmp_path / "a.spd").write_text(table)
     with pytest.raises(InputError, match=r"a\.spd: is no table of wavelengths and values"):
         load(tmp_path, 'Material "diffuse" "spectrum reflectance" "a.spd" ' + TRIANGLE)
+
+
+def test_light_goes_to_and_fro_below_a_coat(tmp_path):
+    """CoatedDiffuseBxDF is of layers, between which light is reflected as often as it is."""
+    _, found = surface(tmp_path, '"coateddiffuse" "rgb reflectance" [0.2 0.4 0.6]')
+    assert (found.kind, found.nonlinear, found.color) == ("plastic", True, (0.2, 0.4, 0.6))
+
+
+@pytest.mark.parametrize("name", ["reflectance", "conductor.reflectance"])
+def test_a_coated_conductor_has_its_reflectance_by_either_name(tmp_path, name):
+    _, found = surface(tmp_path, f'"coatedconductor" "rgb {name}" [0.2 0.4 0.6]')
+    assert (found.kind, found.color, found.eta) == ("conductor", (0.2, 0.4, 0.6), None)
