@@ -117,7 +117,7 @@ class ShownModel:
             pose = _matrix(self._data.xpos[body], self._data.xquat[body])
             pose[:3] = _UP @ pose[:3]
             builder.add_parts(name, parts, pose)
-            if _goes(model, body, 0) or model.body_mocapid[body] >= 0:
+            if _goes(model, body, 0):
                 self.bodies[body] = name
 
     def _add_lights(self, builder: WorldBuilder) -> None:
@@ -135,7 +135,9 @@ class ShownModel:
 
 def _goes(model: Any, body: int, mode: int) -> bool:
     """Whether what is fixed to a body, or follows one by its mode, can move."""
-    return bool(model.body_weldid[body] != 0 or mode != 0)
+    # Mocap bodies are the world's children. In MuJoCo 3.6 they count as welded to it, with all that is on them.
+    carried = model.body_mocapid[model.body_rootid[body]] >= 0
+    return bool(model.body_weldid[body] != 0 or carried or mode != 0)
 
 
 def _camera_number(model: Any, camera: str | int) -> int:

@@ -8,7 +8,9 @@ import pytest
 from clsim.errors import InputError
 from clsim.scene import World, load_world
 from clsim.scene.mujoco import course as mujoco_course
+from clsim.scene.mujoco.model import ShownModel
 from clsim.scene.mujoco.scene import is_mjcf
+from clsim.scene.mujoco.shapes import mesh_of
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed")
 PENDULUM = """<mujoco><worldbody><light pos="0 0 3"/><geom type="plane" size="2 2 .1"/>
@@ -37,6 +39,33 @@ def test_a_ball_falls_as_newton_says(tmp_path: Path) -> None:
         # The step's own error is first order: g/2 · timestep · t, with MuJoCo's 2 ms.
         height_m = 9.0 - 9.81 / 2 * time_s * (time_s + 0.002)
         assert ball.motion.pose(time_s)[:3, 3] == pytest.approx([0.1, height_m, -0.2], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [("sphere", ".3"), ("capsule", ".2 .5"), ("cylinder", ".4 .1"), ("ellipsoid", ".1 .2 .3"), ("box", ".1 .2 .3")],
+)
+def test_geoms_fill_mujocos_own_bounding_boxes(kind: str, size: str) -> None:
+    text = f'<mujoco><worldbody><geom type="{kind}" size="{size}"/></worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(text)
+    mesh = mesh_of(model, 0)
+    assert mesh is not None
+    middle, half = model.geom_aabb[0].reshape(2, 3)
+    np.testing.assert_allclose([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)], [middle - half, middle + half])
+
+
+@pytest.mark.parametrize("welded", [False, True])
+def test_what_a_mocap_body_carries_moves_with_it_also_where_it_counts_as_welded_to_the_world(welded: bool) -> None:
+    """MuJoCo 3.6 tells no difference between a mocap body's weld and that of what stands still."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body name="fixed"><geom size=".1"/></body>
+        <body name="hand" mocap="true"><geom size=".1"/><light name="torch"/><camera/>
+        <body name="held" pos="1 0 0"><geom size=".1"/></body></body></worldbody></mujoco>""")
+    if welded:
+        model.body_weldid[:] = 0
+    shown = ShownModel(model, mujoco.MjData(model), 0, (8, 6))
+    shown.world("hand", None, 100.0)
+    assert (list(shown.bodies.values()), list(shown.lights.values())) == (["hand", "held"], ["light:torch"])
+    assert shown.camera_moves
 
 
 @pytest.mark.slow
