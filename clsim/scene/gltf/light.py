@@ -64,7 +64,7 @@ class LightTracks:
             self._period_s is not None,
             0.0 if exact else finest_s,
         )
-        return (float(peak[0]), float(peak[1]), float(peak[2])), change if peak.any() else None
+        return (float(peak[0]), float(peak[1]), float(peak[2])), change if (values != values[0]).any() else None
 
 
 def _between(keys_s: F64) -> F64:

@@ -9,8 +9,9 @@ import pytest
 
 from clsim.scene import load_world
 from clsim.scene.defaults.drift import drifting
+from clsim.scene.modulation import Sine
 from clsim.scene.motion import Static, compose, look_at
-from clsim.scene.world import IDENTITY, Camera, Instance, Mesh, World
+from clsim.scene.world import IDENTITY, Camera, EnvironmentMap, Instance, Mesh, World
 
 LIVING_ROOM = Path(__file__).resolve().parents[4] / "shared" / "assets" / "mitsuba" / "living-room"
 AHEAD_M = 5.0
@@ -104,6 +105,15 @@ def test_between_walls_the_widest_circle_is_taken(sides_m, away):
 def test_without_anything_to_meet_the_circle_is_the_full_one():
     world = drifting(World("void", Camera(32, 24, 60.0, IDENTITY)))
     assert world.camera.motion.radius_m == 0.03 * world.camera.motion.distance_m == 0.03
+
+
+@pytest.mark.parametrize("turn_deg_per_s", [0.0, 3.0])
+@pytest.mark.parametrize("flicker", [None, Sine(100.0, 0.5)])
+def test_where_light_changes_by_itself_the_camera_stays(turn_deg_per_s, flicker):
+    sky = EnvironmentMap(np.ones((2, 4, 3), np.float32), np.eye(3), turn_deg_per_s)
+    world = replace(still(), environment_map=sky, environment_modulation=flicker)
+    stays = drifting(world) is world
+    assert stays == (turn_deg_per_s != 0 or flicker is not None)
 
 
 def test_what_is_squeezed_flat_is_met_where_it_is():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
+from clsim.scene import load_world
 from clsim.scene.gltf.scene import load_gltf, read_gltf
-from tests.scene.gltf.gltf_files import add, gltf, with_camera, write_gltf
+from tests.scene.gltf.gltf_files import add, animate, gltf, with_camera, write_gltf
 
 LAMP = "/extensions/KHR_lights_punctual/lights/0/"
 STRENGTH = "/materials/0/extensions/KHR_materials_emissive_strength/emissiveStrength"
@@ -48,6 +49,16 @@ def test_a_lamps_intensity_has_the_keyframes_values(tmp_path):
     assert world.duration_s == 3.0 and world.warnings == () and lamp.modulation.least_fps == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize("keys", [([0.0], [1366.0]), ([0.0, 2.0], [1366.0, 1366.0])])
+def test_keyframes_that_leave_a_lamp_as_it_is_are_no_change(tmp_path, keys):
+    """Then nothing else would fire, so that the camera is set in motion as in any scene that stands still."""
+    tree = file((LAMP + "intensity", *keys, "LINEAR"))
+    world = load_world(write_gltf(tmp_path, with_camera(tree)))
+    (lamp,) = world.punctual_lights
+    assert lamp.modulation is None and lamp.intensity == pytest.approx((2.0, 1.0, 0.5))
+    assert world.camera.motion.duration_s > 0
+
+
 def test_colour_and_strength_multiply_along_their_curves(tmp_path):
     """A line times a line is a parabola: half of the way, a half times a half."""
     tree = file(
@@ -72,6 +83,14 @@ def test_splines_are_followed_and_never_negative(tmp_path):
     seen = np.array([light_at(glow, t)[0] for t in times])
     np.testing.assert_allclose(seen, np.maximum(curve, 0.0), atol=0.02)
     assert curve.min() < -1 and seen.min() == 0
+
+
+def test_a_lamp_that_is_done_before_the_animation_holds_its_last_value_until_all_repeats(tmp_path):
+    tree = file((LAMP + "intensity", [0.0, 1.0], [0.0, 683.0], "LINEAR"))
+    animate(tree, (0, "translation", [0.0, 4.0], [(0, 0, 0), (1, 0, 0)], "LINEAR"))
+    (lamp,) = read_gltf(write_gltf(tmp_path, tree)).lights
+    for time_s, watts in ((0.5, 0.5), (1.0, 1.0), (2.5, 1.0), (3.9, 1.0), (4.5, 0.5), (7.0, 1.0)):
+        assert light_at(lamp, time_s) == pytest.approx(np.multiply(watts, (1.0, 0.5, 0.25))), time_s
 
 
 def test_steps_hold_and_an_asset_without_a_camera_repeats(tmp_path):
@@ -121,3 +140,12 @@ def test_what_is_not_played_is_named_and_what_is_wrong_refused(tmp_path):
     dark = file((LAMP + "intensity", [0.0, 1.0], [0.0, 0.0], "LINEAR"))
     (lamp,) = load_gltf(write_gltf(tmp_path, dark)).punctual_lights
     assert lamp.intensity == (0.0, 0.0, 0.0) and lamp.modulation is None
+
+
+def test_what_is_unlit_shows_its_colour_whatever_its_emission_does(tmp_path):
+    tree = file((STRENGTH, [0.0, 1.0], [0.0, 4.0], "LINEAR"))
+    tree["materials"][0] |= {
+        "pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.3, 1.0]}, "extensions": {"KHR_materials_unlit": {}},
+    }  # fmt: skip
+    (found,) = load_gltf(write_gltf(tmp_path, with_camera(tree))).materials
+    assert found.emission == (0.1, 0.2, 0.3) and found.modulation is None
