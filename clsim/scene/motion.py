@@ -222,7 +222,7 @@ def compose(position: npt.ArrayLike, rotation: Matrix) -> Matrix:
 
 
 def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: npt.ArrayLike = (0.0, 1.0, 0.0)) -> Matrix:
-    """Return the pose at ``eye`` whose −z axis points to ``target``; straight up or down, the image's top is −z or +z.
+    """Return the pose at ``eye`` whose −z axis points to ``target``; straight down or up, the image's top is −z or +z.
 
     Raises:
         ValueError: if eye and target coincide.

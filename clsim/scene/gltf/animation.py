@@ -142,8 +142,8 @@ class NodeTree:
         return found[::-1]
 
     def scales(self, node: int) -> F64:
-        """Return all scales ``[k, 3]`` that a node has at rest or in keyframes."""
-        keyed = [c.values[:, 1] if c.values.ndim == 3 else c.values for c in self._channels_of(node, "scale")]
+        """Return all scales ``[k, 3]`` that a node has at rest or in keyframes, which are not those of splines."""
+        keyed = [c.values for c in self._channels_of(node, "scale")]
         return np.concatenate(keyed or [self._trs[2][node : node + 1]])
 
     def spline_scaled(self, node: int) -> bool:

@@ -306,13 +306,11 @@ class _Reader:
                 if not is_similarity(self.tree.rest_local(node)[:3, :3]):
                     return False
                 continue
-            scales = self.tree.scales(node)
-            if all_but_own_scale and node == index:
-                if len(scales) > 1 or np.abs(scales).min() < 1e-9:
-                    return False
-                continue
+            scales, own = self.tree.scales(node), all_but_own_scale and node == index
+            if self.tree.spline_scaled(node) or (own and (len(scales) > 1 or np.abs(scales).min() < 1e-9)):
+                return False
             uniform = np.abs(scales - scales[:, :1]).max() <= 1e-6 * np.abs(scales).max()
-            if not uniform or scales.min() < 1e-9 or self.tree.spline_scaled(node):
+            if not own and (not uniform or scales.min() < 1e-9):
                 return False
         return True
 

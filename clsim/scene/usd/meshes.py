@@ -178,8 +178,6 @@ def _turned_body(kind: str, radius: float, height: float) -> Mesh:
         made.apply_translation((0.0, 0.0, -height / 2))
     else:
         made = trimesh.creation.capsule(radius=radius, height=height, count=(SEGMENTS // 2, SEGMENTS))
-        lowest, highest = made.vertices[:, 2].min(), made.vertices[:, 2].max()
-        made.apply_translation((0.0, 0.0, -(lowest + highest) / 2))
     faces = np.ascontiguousarray(made.faces, np.int32)
     return Mesh(np.ascontiguousarray(made.vertices, np.float32), faces, np.zeros(len(faces), np.int32))
 
