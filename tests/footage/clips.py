@@ -97,7 +97,7 @@ def write_clip(
         if limited is not None:
             context.color_range = 1 if limited else 2
         for values, time in zip(planes, times, strict=True):
-            frame = _frame(values, pixels, width, height)
+            frame = frame_of(values, pixels, width, height)
             frame.pts, frame.time_base = time, time_base
             frame.color_range = 0 if limited is None else 1 if limited else 2
             frame.color_trc, frame.colorspace, frame.color_primaries = trc, matrix, primaries
@@ -106,7 +106,7 @@ def write_clip(
     return path
 
 
-def _frame(values: Any, pixels: str, width: int, height: int) -> Any:
+def frame_of(values: Any, pixels: str, width: int, height: int) -> Any:
     if not isinstance(values, tuple):
         return av.VideoFrame.from_ndarray(values, format=pixels)
     frame = av.VideoFrame(width, height, pixels)

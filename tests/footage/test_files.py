@@ -21,6 +21,7 @@ from clsim.footage.source import Footage, Reading
 from clsim.footage.video import Video
 from clsim.footage.wholeness import cut_end
 from clsim.frames import RADIANCE, Frame, SourceEnded, page_aligned
+from tests.footage.clips import write_clip
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
 WIDTH, HEIGHT, COUNT = 64, 48, 40
@@ -179,6 +180,15 @@ def test_a_picture_that_was_cut_is_refused(tmp_path: Path, ending: str) -> None:
         read(Pictures(tmp_path, Reading(fps=10.0)))
 
 
+@pytest.mark.parametrize("other", [np.zeros((4, 6), np.uint16), np.zeros((6, 4), np.uint8)])
+def test_a_picture_of_another_size_or_depth_than_the_first_is_refused(tmp_path: Path, other: Any) -> None:
+    """Steps of light that count as noise are those of the first's depth."""
+    Image.fromarray(np.zeros((4, 6), np.uint8)).save(tmp_path / "a0.png")
+    Image.fromarray(other).save(tmp_path / "a1.png")
+    with pytest.raises(InputError, match=r"a1\.png: has .* pixels as gray.*, expected 6×4 as gray of a0\.png"):
+        read(Pictures(tmp_path, Reading(fps=10.0)))
+
+
 def folder(path: Path, *names: str) -> Path:
     path.mkdir()
     for name in names:
@@ -218,6 +228,7 @@ def test_pictures_beside_exr_frames_are_no_footage(tmp_path: Path, pattern: str)
     "names",
     [
         ["frame_1.png", "frame_2.png", "frame_10.png"],
+        ["12_59.png", "13_59.png"],
         ["12_59_58.png", "12_59_59.png", "13_00_00.png", "13_00_01.png"],
         ["1690000000.123456.png", "1690000000.623456.png", "1690000001.123456.png"],
         ["a.png", "b.png", "c.png"],
@@ -279,3 +290,12 @@ def test_hidden_files_and_others_in_a_folder_are_no_pictures_of_its_film(tmp_pat
     (tmp_path / name).write_bytes(b"\0\5\x16\7")
     (tmp_path / "notes.txt").write_text("of these pictures")
     assert len(read(Pictures(tmp_path, Reading(fps=25.0)))) == 3
+
+
+def test_a_png_is_srgb_also_where_it_tells_of_a_video_s_curve(tmp_path: Path) -> None:
+    """Its decoder guesses, except of HDR."""
+    for number, (told, expected) in enumerate(((1, "srgb"), (13, "srgb"), (16, "pq"))):
+        place = tmp_path / str(number)
+        place.mkdir()
+        write_clip(place / "a.png", [np.zeros((4, 6, 3), np.uint8)], [0], pixels="rgb24", codec="png", trc=told)
+        assert Pictures(place, Reading(fps=10.0)).transfer == expected

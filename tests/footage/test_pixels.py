@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import av
 import numpy as np
 import pytest
 
 from clsim.errors import InputError
 from clsim.footage.images import Pictures
+from clsim.footage.pixels import pixel_format, to_light
 from clsim.footage.source import Reading
 from clsim.footage.video import Video
 from clsim.frames import RADIANCE, Frame, page_aligned
-from tests.footage.clips import encode, write_clip
+from tests.footage.clips import encode, frame_of, write_clip
 
 # 75 % colour bars of BT.709 in limited range, 8 bits, as ITU-R BT.1729 and test generators have them.
 _BARS = {"white": (180, 128, 128), "red": (51, 109, 212), "green": (133, 63, 52), "blue": (28, 212, 120)}
@@ -42,6 +44,8 @@ def test_colour_bars_of_bt709(tmp_path, colour):
     [
         ("yuv420p", True, 16, 235, np.uint8),
         ("yuv420p", False, 0, 255, np.uint8),
+        ("gray", True, 16, 235, np.uint8),
+        ("gray", False, 0, 255, np.uint8),
         ("yuv420p10le", True, 64, 940, np.uint16),
         ("yuv420p10le", False, 0, 1023, np.uint16),
     ],
@@ -51,26 +55,42 @@ def test_ranges(tmp_path, pixels, limited, black, white, dtype):
     luma = flat(black, dtype=dtype)
     luma[:, 8:] = white
     grey = flat(1 << (bits - 1), (4, 8), dtype)
-    path = write_clip(tmp_path / "a.mkv", [(luma, grey, grey)], [0], pixels=pixels, limited=limited)
+    path = write_clip(
+        tmp_path / "a.mkv", [luma if pixels == "gray" else (luma, grey, grey)], [0], pixels=pixels, limited=limited
+    )
     rgb = first(Video(path, Reading("as-is")))
     np.testing.assert_allclose(rgb[:, :, :8], 0.0, atol=1e-6)
     np.testing.assert_allclose(rgb[:, :, 8:], 1.0, atol=1e-6)
 
 
-def test_interleaved_chroma_is_that_of_separate_planes(tmp_path):
-    import av
-
-    from clsim.footage.pixels import pixel_format, to_light
-
+@pytest.mark.parametrize(
+    ("own", "other"), [("yuv420p", "nv12"), ("yuv420p10le", "yuv420p10be"), ("yuv420p10le", "p010le")]
+)
+def test_however_samples_are_laid_out_they_are_the_same_light(own, other):
+    """Chroma interleaved or in planes of its own, 16 bits with the higher or the lower byte first."""
     rng = np.random.default_rng(1)
     frame = av.VideoFrame.from_ndarray(rng.integers(0, 256, (12, 16), np.uint8), format="yuv420p")
+    frame = frame.reformat(format=own, src_color_range=2, dst_color_range=2)
     frame.color_range = 2
     apart, together = (np.zeros((3, 8, 16), np.float32) for _ in range(2))
     to_light(frame, pixel_format(frame, "a"), "as-is", apart)
-    woven = frame.reformat(format="nv12", src_color_range=2, dst_color_range=2)
+    woven = frame.reformat(format=other, src_color_range=2, dst_color_range=2)
     woven.color_range = 2
     to_light(woven, pixel_format(woven, "a"), "as-is", together)
     np.testing.assert_array_equal(apart, together)
+
+
+def test_pixels_of_odd_sides_have_the_chroma_that_they_share():
+    """Four pixels share a sample; at an odd end two do, and one in the corner: Rec. 601's red by hand."""
+    rng = np.random.default_rng(4)
+    luma, cr = rng.integers(60, 90, (5, 7), np.uint8), rng.integers(100, 150, (3, 4), np.uint8)
+    frame = frame_of((luma, np.full((3, 4), 128, np.uint8), cr), "yuv420p", 7, 5)
+    frame.color_range = 2
+    found = np.zeros((3, 5, 7), np.float32)
+    to_light(frame, pixel_format(frame, "a"), "as-is", found)
+    shared = cr[np.arange(5)[:, None] // 2, np.arange(7) // 2].astype(float)
+    np.testing.assert_allclose(found[0], (luma + 1.402 * (shared - 128)) / 255, atol=1e-5)
+    np.testing.assert_allclose(found[2], luma / 255, atol=1e-6)
 
 
 def test_highlights_and_wide_colours_are_kept(tmp_path):

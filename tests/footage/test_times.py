@@ -51,9 +51,10 @@ def test_any_bytes_are_times_or_one_sentence(tmp_path_factory, data):
             assert str(path) in str(error)
 
 
-def test_arrays_of_seconds(tmp_path):
-    np.save(tmp_path / "a.npy", np.array([0.0, 0.0333, 0.2]))
-    assert read_times_us(tmp_path / "a.npy", "s") == [0, 33_300, 200_000]
+@pytest.mark.parametrize(("unit", "per_us"), [("s", 1e-6), ("ms", 1e-3), ("us", 1.0), ("ns", 1e3)])
+def test_arrays_of_floating_point_are_rounded_to_the_nearest_microsecond(tmp_path, unit, per_us):
+    np.save(tmp_path / "a.npy", np.array([0.4, 1.6, 33_300.0, 99_999.9, 1e9 + 0.2]) * per_us)
+    assert read_times_us(tmp_path / "a.npy", unit) == [0, 2, 33_300, 100_000, 1_000_000_000]
 
 
 @pytest.mark.parametrize("text", ["", "x", "1\n1", "1e99", "1.5.2", ".", "nan", "inf", "--3", "1e9999999999", "0x10"])
@@ -67,3 +68,8 @@ def test_a_file_that_is_no_text_is_told_in_words(tmp_path):
     (tmp_path / "a.npz").write_bytes(b"PK\x03\x04\0\0")
     with pytest.raises(InputError, match=r"a\.npz: is no text; expected times of frames, one a line, or a \.npy array"):
         read_times_us(tmp_path / "a.npz", "s")
+
+
+def test_a_byte_order_mark_before_the_first_time_is_passed_over(tmp_path):
+    (tmp_path / "a.txt").write_bytes("1.5\n2.5\n".encode("utf-8-sig"))
+    assert read_times_us(tmp_path / "a.txt", "ms") == [1500, 2500]

@@ -110,6 +110,7 @@ def test_arrays_of_floating_point_keep_highlights():
         ([np.zeros((4, 4), np.int64)], [0], "uint8"),
         ([np.zeros((4, 4, 2))], [0], r"\[4, 4, 2\]"),
         ([np.zeros((4, 4)), np.zeros((4, 5))], [0, 1], "frame 1"),
+        ([np.zeros((4, 4), np.uint8), np.zeros((4, 4), np.uint16)], [0, 1], "frame 1 is an array of uint16"),
         ([np.zeros((4, 4))] * 2, [5, 5], "later than 5"),
         ([np.zeros((4, 4))] * 2, [5], "no time for frame 1"),
     ],
