@@ -79,3 +79,13 @@ def test_what_cannot_be_added_is_told() -> None:
     made.add_light("sun", PunctualLight("directional", (-1.0, 0.0, 0.0), Static(np.eye(4))))
     with pytest.raises(InputError, match="lab: directional light 0: intensity is"):
         made.world()
+
+
+def test_a_material_is_that_of_all_parts_of_a_scene() -> None:
+    parts = trimesh.Scene({"a": trimesh.creation.box(), "b": trimesh.creation.icosphere()})
+    made = builder()
+    made.add("both", parts, material=Material(color=(0.1, 0.2, 0.3)))
+    world = made.world(environment=(1.0, 1.0, 1.0))
+    assert [world.materials[world.meshes[each.mesh].material_ids[0]].color for each in world.instances] == [
+        (0.1, 0.2, 0.3)
+    ] * 2

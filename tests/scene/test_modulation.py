@@ -164,3 +164,7 @@ def test_light_that_cannot_be_is_refused(factors: tuple[tuple[float, float, floa
     world = replace(load_world("still"), environment_modulation=Keyframed((0.0, 1.0), factors))
     with pytest.raises(InputError, match="the light of the environment: changes by"):
         validate(world, "made")
+
+
+def test_a_lamp_that_is_brighter_while_off_is_so_at_most() -> None:
+    assert (Pwm(100.0, low=2.0).largest, Pwm(100.0, low=0.5).largest) == (2.0, 1.0)

@@ -93,11 +93,20 @@ def test_look_at_points_minus_z_at_the_target_and_keeps_the_horizon_level(eye, t
         assert pose[1, 1] >= 0
 
 
+@pytest.mark.parametrize("length", [1e-9, 0.1, 1e9])
+def test_how_long_the_way_up_is_matters_not(length):
+    eye, target, up = (1, 2, 3), (0, 1, -4), np.array((0.6, 0.0, 0.8))
+    np.testing.assert_allclose(look_at(eye, target, length * up), look_at(eye, target, up), atol=1e-12)
+    assert look_at(eye, target, up)[:3, 0] @ up == pytest.approx(0, abs=1e-12), "right is across up"
+
+
 @pytest.mark.parametrize("target", [(0, 1, 0), (0, -1, 0)])
 def test_look_straight_up_or_down_is_rigid(target):
     pose = look_at((0, 0, 0), target)
     assert_rigid(pose)
     np.testing.assert_allclose(-pose[:3, 2], target)
+    # As on the way there from −z ahead: what is ahead is at the top below, and what is behind above.
+    np.testing.assert_allclose(pose[:3, 1], (0, 0, target[1]))
 
 
 def test_look_at_without_a_way_up_still_is_a_rotation():

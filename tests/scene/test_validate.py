@@ -132,3 +132,7 @@ def test_several_faults_are_told_together_but_not_without_end():
     with pytest.raises(InputError) as caught:
         validate(replace(GOOD, meshes=meshes, fps=0.0), "file.x")
     assert len(str(caught.value).splitlines()) == 10
+
+
+def test_a_long_row_of_pixels_is_no_large_picture():
+    validate(with_camera(width=16384, height=4), "scene")

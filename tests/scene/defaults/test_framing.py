@@ -1,11 +1,13 @@
 """The camera that goes round what a file holds: it sees all of it, and not much else."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from clsim.scene.defaults.framing import orbiting_camera
+from clsim.scene.defaults.framing import bounds, orbiting_camera
+from clsim.scene.world import IDENTITY, Instance, Mesh
 
 
 @pytest.mark.parametrize("size", [(1, 1, 1), (8, 0.5, 1), (0.2, 5, 0.3), (0.5, 4, 6), (0, 3, 0), (2, 0, 2)])
@@ -23,3 +25,22 @@ def test_a_box_is_just_seen_whole_from_everywhere_on_the_orbit(size):
         assert (z < 0).all()
         widest = max(widest, float((np.abs(np.stack([x, y], axis=1)) / -z[:, None] / limits).max()))
     assert 0.85 < widest < 1
+
+
+class Growing:
+    """A shape whose corners move apart, until four times as far."""
+
+    duration_s = 2.0
+
+    def vertices_at(self, time_s):
+        return FLAT * np.float32(1 + 1.5 * time_s), None
+
+
+FLAT = np.array([(0, 0, 0), (1, 0, 0), (0, 2, 0)], np.float32)
+
+
+def test_the_box_around_what_changes_its_shape_holds_all_shapes():
+    mesh = Mesh(FLAT, np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32), deformation=Growing())
+    center, size = bounds(Path("a.glb"), [mesh], [Instance(0, IDENTITY)])
+    np.testing.assert_allclose(center, (2, 4, 0))
+    np.testing.assert_allclose(size, (4, 8, 0))

@@ -170,6 +170,11 @@ def test_the_camera_looks_into_a_room_that_is_open_to_one_side(tmp_path: Path, s
         away = (pose[:3, 3] - (2.75, 2.75, 2.8))[[0, 2]]
         assert away @ normal > 5.0 and np.degrees(np.arccos(away @ normal / np.linalg.norm(away))) < 16
         assert -pose[[0, 2], 2] @ normal < -0.95
+    # Straight before it, the whole opening is just seen, by the pinhole's own projection.
+    camera, pose = world.camera, world.camera.motion.pose(0.0)
+    x, y, z = ((corners - pose[:3, 3]) @ pose[:3, :3]).T
+    limit = np.tan(np.radians(camera.fov_deg / 2)) * np.array((1.0, camera.height / camera.width))
+    assert 0.9 < (np.abs(np.stack([x, y], axis=1)) / -z[:, None] / limit).max() < 1
     lamp = world.sphere_lights[0].motion.pose(0.0)[:3, 3]
     assert (lamp > 0).all() and (lamp < 5.5).all()
 

@@ -125,23 +125,42 @@ def test_fox_stays_in_view_and_moves():
     assert not world.warnings
 
 
-def test_normals_of_a_skin_that_stretches_stay_across_their_triangle(tmp_path):
-    """The slanted triangle's normal is wrong by 37° where it is stretched as its corners are."""
-    slanted = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 1)], float)
-    tree = with_camera(gltf(points=slanted, nodes=[{"mesh": 0, "skin": 0}, {"scale": [1, 3, 1]}]))
+@pytest.mark.parametrize("scale", [(1, 3, 1), (0.5, 3, 2)])
+@pytest.mark.parametrize("corner", [(1, 0, 0), (1, -0.5, 2), (-1, 2, 0.3)])
+def test_normals_of_a_skin_that_stretches_stay_across_their_triangle(tmp_path, corner, scale):
+    """The first slanted triangle's normal is wrong by 37° where it is stretched as its corners are."""
+    slanted = np.array([(0, 0, 0), corner, (0, 1, 1)], float)
+    told = np.cross(slanted[1], slanted[2])
+    tree = with_camera(gltf(points=slanted, nodes=[{"mesh": 0, "skin": 0}, {"scale": scale}]))
     tree["scenes"][0]["nodes"] = [0, 1, 2]
     attributes = {
         "POSITION": 0,
-        "NORMAL": add(tree, [(0, -np.sqrt(0.5), np.sqrt(0.5))] * 3),
+        "NORMAL": add(tree, [told / np.linalg.norm(told)] * 3),
         "JOINTS_0": add(tree, [(0, 0, 0, 0)] * 3, "u1"),
         "WEIGHTS_0": add(tree, [(1, 0, 0, 0)] * 3),
     }
     tree["meshes"] = [{"primitives": [{"attributes": attributes}]}]
     tree["skins"] = [{"joints": [1], "inverseBindMatrices": add(tree, [np.eye(4).ravel()])}]
     mesh = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
-    np.testing.assert_allclose(mesh.vertices, slanted * (1, 3, 1), atol=1e-6)
+    np.testing.assert_allclose(mesh.vertices, slanted * scale, atol=1e-6)
     across = np.cross(mesh.vertices[1] - mesh.vertices[0], mesh.vertices[2] - mesh.vertices[0])
     np.testing.assert_allclose(mesh.normals, [across / np.linalg.norm(across)] * 3, atol=1e-6)
+
+
+def test_a_vertex_without_weight_follows_its_first_joint(tmp_path):
+    """As three.js has it (SkinnedMesh.normalizeSkinWeights); other weights count by their share of the sum."""
+    joints = [{"translation": [0, 0, 1]}, {"translation": [0, 0, 5]}]
+    tree = with_camera(gltf(nodes=[{"mesh": 0, "skin": 0}, *joints]))
+    tree["scenes"][0]["nodes"] = [0, 1, 2, 3]
+    attributes = {
+        "POSITION": 0,
+        "JOINTS_0": add(tree, [(0, 1, 0, 0), (1, 0, 0, 0), (0, 1, 0, 0)], "u1"),
+        "WEIGHTS_0": add(tree, [(1, 0, 0, 0), (0, 0, 0, 0), (0.5, 1.5, 0, 0)]),
+    }
+    tree["meshes"] = [{"primitives": [{"attributes": attributes}]}]
+    tree["skins"] = [{"joints": [1, 2]}]
+    mesh = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
+    np.testing.assert_allclose(mesh.vertices, np.add(CORNERS, [(0, 0, 1), (0, 0, 5), (0, 0, 4)]), atol=1e-6)
 
 
 def test_morph_targets_start_over_with_an_asset_s_animation(tmp_path):
@@ -155,3 +174,16 @@ def test_morph_targets_start_over_with_an_asset_s_animation(tmp_path):
         np.testing.assert_allclose(
             deformation.vertices_at(time_s)[0], np.add(CORNERS, [(0, 0, 0.25), (0,) * 3, (0,) * 3])
         )
+
+
+def test_a_second_set_of_joints_pulls_as_the_first_does(tmp_path):
+    tree = with_camera(gltf(nodes=[{"mesh": 0, "skin": 0}, {"translation": [0, 0, 1]}, {"translation": [0, 0, 5]}]))
+    tree["scenes"][0]["nodes"] = [0, 1, 2, 3]
+    attributes = {"POSITION": 0}
+    for k, weight in enumerate((0.25, 0.75)):
+        attributes[f"JOINTS_{k}"] = add(tree, [(k, 0, 0, 0)] * 3, "u1")
+        attributes[f"WEIGHTS_{k}"] = add(tree, [(weight, 0, 0, 0)] * 3)
+    tree["meshes"] = [{"primitives": [{"attributes": attributes}]}]
+    tree["skins"] = [{"joints": [1, 2]}]
+    mesh = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
+    np.testing.assert_allclose(mesh.vertices, np.add(CORNERS, (0, 0, 4)), atol=1e-6)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from clsim.scene.gltf.layers import reflected_by_film, roughness_between
 from clsim.scene.gltf.scene import load_gltf
-from tests.scene.gltf.gltf_files import gltf, write_gltf
+from tests.scene.gltf.gltf_files import gltf, image_uri, write_gltf
 
 
 def test_a_film_reflects_as_the_closed_forms_say() -> None:
@@ -28,6 +29,28 @@ def test_a_film_reflects_as_the_closed_forms_say() -> None:
 def test_grooves_are_as_rough_as_the_mean_of_both_ways() -> None:
     assert roughness_between(0.09, 0.0) == pytest.approx(0.09)
     assert roughness_between(0.09, 1.0) == pytest.approx(0.3)
+
+
+def test_pictures_of_layers_count_by_the_mean_of_their_own_channels(tmp_path: Path) -> None:
+    """Strength of grooves in blue, share of a film in red, its thickness in green."""
+    red, green, blue = 50 / 255, 150 / 255, 200 / 255
+    thickness = {"iridescenceThicknessMinimum": 100.0, "iridescenceThicknessMaximum": 400.0}
+    film = {"iridescenceFactor": 0.5, "iridescenceIor": 1.8, **thickness}
+    film |= {"iridescenceTexture": {"index": 0}, "iridescenceThicknessTexture": {"index": 0}}
+    grooves = {"anisotropyStrength": 0.8, "anisotropyTexture": {"index": 0}}
+    layers = {"KHR_materials_iridescence": film, "KHR_materials_anisotropy": grooves}
+    rough = {"roughnessFactor": 0.3, "metallicFactor": 0.0}
+    tree = gltf(
+        materials=[{"pbrMetallicRoughness": rough, "extensions": layers}],
+        images=[{"uri": image_uri(np.full((2, 2, 3), (50, 150, 200)))}],
+        textures=[{"source": 0}],
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    (found, *_) = load_gltf(write_gltf(tmp_path, tree)).materials
+    assert found.alpha == pytest.approx(roughness_between(0.09, 0.8 * blue))
+    seen = reflected_by_film((0.04,) * 3, 0.5 * red, 1.8, 100.0 + 300.0 * green)
+    above = ((found.ior - 1) / (found.ior + 1)) ** 2
+    assert [above * channel for channel in found.specular_color] == pytest.approx(seen)
 
 
 def test_a_file_has_them_with_a_warning(tmp_path: Path) -> None:

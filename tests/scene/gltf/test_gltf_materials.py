@@ -251,6 +251,15 @@ def test_weak_glow_leaves_the_default_light_and_a_lamp_replaces_it(tmp_path):
         assert ["what glows is weak" in note for note in world.notes] == [True] * (not lit)
 
 
+def test_glow_that_a_picture_shapes_leaves_the_lamp(tmp_path):
+    """A picture of what glows, such as lit windows or a display, is mostly black: it may light nothing."""
+    glow = {"emissiveFactor": [1.0] * 3, "emissiveTexture": {"index": 0}}
+    tree = gltf(materials=[glow], images=[{"uri": image_uri(np.zeros((2, 2, 3)))}], textures=[{"source": 0}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    world = load_gltf(write_gltf(tmp_path, tree))
+    assert world.sphere_lights and max(world.environment) > 0
+
+
 def test_single_sided_faces_are_culled(tmp_path):
     tree = gltf(materials=[{"emissiveFactor": [1, 1, 1]}])
     tree["meshes"][0]["primitives"][0]["material"] = 0
@@ -334,3 +343,27 @@ def test_means_of_textures_stand_in_for_those_of_coats_lobes_and_glass(tmp_path)
     assert found.specular_color == pytest.approx((0.125, 0.125, 0.25))
     assert sum("stands in for them" in warning for warning in world.warnings) == 5
     assert not world.textures
+
+
+def test_layers_textures_count_by_the_mean_of_their_own_channels(tmp_path):
+    """Specular in alpha, a coat's share in red, its roughness in green (the extensions of Khronos)."""
+    red, green, alpha = 50 / 255, 150 / 255, 100 / 255
+    coat = {"clearcoatFactor": 0.5, "clearcoatTexture": {"index": 0}}
+    coat |= {"clearcoatRoughnessFactor": 0.8, "clearcoatRoughnessTexture": {"index": 0}}
+    specular = {"specularFactor": 0.9, "specularTexture": {"index": 0}}
+    tree = gltf(
+        materials=[{"extensions": {"KHR_materials_clearcoat": coat, "KHR_materials_specular": specular}}],
+        images=[{"uri": image_uri(np.full((2, 2, 4), (50, 150, 200, 100)))}],
+        textures=[{"source": 0}],
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    (found,) = load_gltf(write_gltf(tmp_path, tree)).materials
+    assert (found.clearcoat, found.clearcoat_alpha) == pytest.approx((0.5 * red, (0.8 * green) ** 2))
+    assert found.specular_color == pytest.approx((0.9 * alpha,) * 3)
+
+
+@pytest.mark.parametrize(("told", "ior"), [(0.0, 1.5), (0.9, 1.5), (1.0, 1.0), (2.4, 2.4)])
+def test_no_index_is_below_that_of_air(tmp_path, told, ior):
+    tree = gltf(materials=[{"extensions": {"KHR_materials_ior": {"ior": told}}}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    assert load_gltf(write_gltf(tmp_path, tree)).materials[0].ior == ior

@@ -64,7 +64,10 @@ def test_between_the_tables_places_all_is_a_blend() -> None:
     low = math.degrees(0.5 * math.pi * HEIGHTS[7] ** 3)
     thin, thick, half = (sky(day(low, turbidity=t), rows=16)[3, 20] for t in (3.0, 4.0, 3.5))
     np.testing.assert_allclose(half, (thin + thick) / 2, rtol=1e-5)
-    assert sun_radiance(day(60.0, turbidity=12.0)) == sun_radiance(day(60.0, turbidity=float(TURBIDITIES[-1])))
+    for beyond, last in ((12.0, TURBIDITIES[-1]), (0.2, TURBIDITIES[0])):
+        assert sun_radiance(day(60.0, turbidity=beyond)) == sun_radiance(day(60.0, turbidity=float(last)))
+        hazes = [sky(day(60.0, turbidity=float(haze)), rows=16) for haze in (beyond, last)]
+        np.testing.assert_array_equal(*hazes)
     assert sun_radiance(day(-1.0)) == (0.0, 0.0, 0.0)
 
 

@@ -14,7 +14,7 @@ import pytest
 from clsim.errors import InputError
 from clsim.scene import load_world
 from clsim.scene.files import asset_file, named_file
-from clsim.scene.meshes.trimesh_scene import load_parts
+from clsim.scene.meshes.trimesh_scene import load_parts, load_triangles
 from tests.scene.gltf.gltf_files import CORNERS, glb, gltf
 
 ASSETS = Path(__file__).resolve().parents[4] / "shared" / "assets" / "gltf"
@@ -31,6 +31,15 @@ def complaint(path):
 
 
 # What files become
+
+
+def test_parts_of_which_some_lack_normals_are_one_flat_mesh(tmp_path):
+    """Normals of a few vertices would be those of others; texture coordinates that lack are 0."""
+    parts = "vn 0 0 1\nvt 0.5 0.25\nusemtl a\nf 1//1 2//1 3//1\nusemtl b\nf 1/1 2/1 3/1\n"
+    (tmp_path / "a.obj").write_text(OBJ + parts)
+    mesh = load_triangles(tmp_path / "a.obj")
+    assert mesh.normals is None and len(mesh.triangles) == 2 and len(mesh.uvs) == len(mesh.vertices) == 6
+    assert sorted(mesh.uvs[:, 0].tolist()) == [0, 0, 0, 0.5, 0.5, 0.5]
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".gltf", ".glb"])
@@ -61,6 +70,17 @@ def test_obj_materials_keep_their_diffuse_color(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("mtllib a.mtl\n" + OBJ + "usemtl red\nf 1 2 3\n")
     assert load_parts(path).materials[0].color == pytest.approx((0.611, 0.02, 0.003))
+
+
+def test_colours_of_faces_are_averaged_as_light(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    face = "element face 2\nproperty list uchar int vertex_indices\n"
+    colors = "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+    body = "0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 2 255 255 0\n3 1 3 2 0 255 0\n"
+    (tmp_path / "a.ply").write_text(head + face + colors + "end_header\n" + body)
+    parts = load_parts(tmp_path / "a.ply")
+    assert parts.materials[0].color == pytest.approx((0.5, 1.0, 0.0))
+    assert len(parts.warnings) == 1 and "faces are averaged" in parts.warnings[0]
 
 
 @pytest.mark.parametrize("faces", ["f 1 2 3\n", "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"])
@@ -232,3 +252,10 @@ def test_black_beside_a_texture_means_the_texture(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("mtllib a.mtl\n" + OBJ + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n")
     assert load_world(path).materials[0].color == (1, 1, 1)
+
+
+def test_a_ply_of_fewer_lines_than_all_of_its_elements_is_cut(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    face = "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(head + face + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2")
+    assert "declares 6 elements, more than it has room for: it is truncated" in complaint(tmp_path / "a.ply")

@@ -10,6 +10,8 @@ from clsim.scene.mitsuba.materials import mean_reflectance
 from clsim.scene.pictures.images import decode_srgb
 from tests.scene.mitsuba.mitsuba_files import SENSOR, load, material, scene
 
+SPHERE = '<shape type="sphere"><emitter type="area">{}</emitter></shape>'
+
 
 def test_materials(tmp_path):
     gold, _ = material(
@@ -46,6 +48,47 @@ def test_materials(tmp_path):
     assert (brushed.alpha, brushed.stretch) == pytest.approx((0.2, 2.0)) and not world.warnings
     with pytest.raises(InputError, match="hk"):
         load_world(scene(tmp_path, SENSOR + '<shape type="cube"><bsdf type="hk"/></shape>'), strict=True)
+
+
+def test_the_scale_of_a_black_body_is_its_luminance(tmp_path):
+    body = '<blackbody name="radiance" temperature="5000K" scale="{}"/>'
+    one, three = (
+        np.array(load(tmp_path, SPHERE.format(body.format(scale)), "0.6.0").sphere_lights[0].radiance)
+        for scale in (1, 3)
+    )
+    np.testing.assert_allclose(three, 3 * one)
+    assert one @ (0.2126, 0.7152, 0.0722) == pytest.approx(1) and one[0] > one[2]
+
+
+@pytest.mark.parametrize(("told", "used"), [(0, 1e-3), (0.5, 0.5), (1, 1), (8, 1)])
+def test_specular_of_a_principled_stands_for_an_index(tmp_path, told, used):
+    """.08 times it is reflected at right angles; 0 stands for hardly more, as in Mitsuba."""
+    found, _ = material(tmp_path, f'<bsdf type="principled"><float name="specular" value="{told}"/></bsdf>')
+    assert ((found.ior - 1) / (found.ior + 1)) ** 2 == pytest.approx(0.08 * used)
+
+
+def shares(world, one, share=1.0):
+    """The share of each plain colour in a blend."""
+    if one.blend_with < 0:
+        return [(share, one.color)]
+    rest = shares(world, world.materials[one.blend_with], share * one.blend_share)
+    return [(share * (1 - one.blend_share), one.color), *rest]
+
+
+@pytest.mark.parametrize("inner_first", [True, False])
+def test_a_blend_within_a_blend_has_the_shares_of_both_weights(tmp_path, inner_first):
+    def blend(weight, *bsdfs):
+        return f'<bsdf type="blendbsdf"><float name="weight" value="{weight}"/>{"".join(bsdfs)}</bsdf>'
+
+    red, green, blue = (
+        f'<bsdf type="diffuse"><rgb name="reflectance" value="{color}"/></bsdf>'
+        for color in ("1 0 0", "0 1 0", "0 0 1")
+    )
+    inner = blend(0.25, red, green)
+    found, world = material(tmp_path, blend(0.4, *((inner, blue) if inner_first else (blue, inner))))
+    within = 0.6 if inner_first else 0.4
+    expected = [(0.25 * within, (0, 1, 0)), (1 - within, (0, 0, 1)), (0.75 * within, (1, 0, 0))]
+    assert {color: pytest.approx(share) for share, color in expected} == {c: s for s, c in shares(world, found)}
 
 
 def test_bitmaps_keep_their_wrap_transform_and_opacity(tmp_path):
@@ -330,3 +373,19 @@ def test_principled_roughness_is_the_root_of_alpha(tmp_path, told, roughness):
     value = "" if told is None else f'<float name="roughness" value="{told}"/>'
     found, _ = material(tmp_path, f'<bsdf type="principled">{value}</bsdf>')
     assert found.alpha == pytest.approx(roughness**2)
+
+
+@pytest.mark.parametrize("scale", [None, 2.5])
+def test_a_bump_map_is_as_high_as_its_scale(tmp_path, scale):
+    PIL.Image.fromarray(np.zeros((2, 2), np.uint8)).save(tmp_path / "a.png")
+    told = "" if scale is None else f'<float name="scale" value="{scale}"/>'
+    picture = '<texture type="bitmap"><string name="filename" value="a.png"/></texture>'
+    found, _ = material(tmp_path, f'<bsdf type="bumpmap">{told}{picture}<bsdf type="diffuse"/></bsdf>')
+    assert found.bump_scale == (scale or 1.0) and found.bump_texture >= 0
+
+
+@pytest.mark.parametrize(("kind", "name"), [("d65", "scale"), ("uniform", "value")])
+def test_white_spectra_are_as_bright_as_they_are_told(tmp_path, kind, name):
+    spectrum = f'<spectrum type="{kind}" name="intensity"><float name="{name}" value="2.5"/></spectrum>'
+    (lamp,) = load(tmp_path, f'<emitter type="point">{spectrum}</emitter><shape type="cube"/>').punctual_lights
+    assert lamp.intensity == (2.5, 2.5, 2.5)

@@ -69,6 +69,7 @@ def test_each_picture_is_shown_until_the_next():
     again = Film(Greys(10, 20, 30), 50.0, loop=True)
     assert [again.shown(t, t)[0][0] for t in (0.06, 0.08, 1.0)] == [0, 1, 2]
     assert again.duration_s == 0.0
+    assert (film.least_fps, Film(Greys(10), 50.0, loop=True).least_fps) == (50, 0), "one picture alone misses nothing"
 
 
 def test_times_of_frames_that_are_rounded_show_the_next_picture():
@@ -147,13 +148,14 @@ def test_where_a_video_has_fewer_pictures_than_it_tells_its_last_one_stays(tmp_p
     assert video.read(8)[..., :3].mean() == pytest.approx(240, abs=4)
 
 
-def test_a_video_has_its_own_rate_and_can_go_back(tmp_path):
+@pytest.mark.parametrize(("told", "fps"), [("", 50), (", fps = 12.5", 12.5)])
+def test_a_video_has_its_own_rate_unless_told_and_can_go_back(tmp_path, told, fps):
     greys = [16, 60, 120, 180, 240]
     write_video(tmp_path / "clip.mp4", greys)
-    _, film = film_of(tmp_path, 'file = "clip.mp4"', "texture")
-    assert film.fps == 50
+    _, film = film_of(tmp_path, f'file = "clip.mp4"{told}', "texture")
+    assert film.fps == fps
     for k in (0, 3, 4, 1, 7):
-        picture = film.picture(film.shown(k / 50, k / 50))
+        picture = film.picture(film.shown(k / fps, k / fps))
         assert picture.shape == (48, 64, 4)
         assert picture[..., :3].mean() == pytest.approx(greys[k % 5], abs=4)
         assert (picture[..., 3] == 255).all()

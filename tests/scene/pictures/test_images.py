@@ -102,3 +102,11 @@ def test_all_images_share_one_budget(tmp_path):
             read_texture(path, PixelBudget())
     with pytest.raises(InputError, match="cannot be read"):
         read_texture(tmp_path / "none.png", PixelBudget())
+
+
+@pytest.mark.parametrize(("kind", "top"), [(np.float32, 1), (np.uint16, 65535), (np.uint8, 255)])
+def test_a_tiff_has_its_light_whatever_its_numbers_are(tmp_path, kind, top):
+    shares = np.array([[0.0, 0.2, 1.0]])
+    PIL.Image.fromarray((shares * top).astype(kind)).save(tmp_path / "a.tif")
+    pixels = read_texture(tmp_path / "a.tif", PixelBudget())
+    np.testing.assert_array_equal(pixels[..., 0], [[0, 51, 255]])

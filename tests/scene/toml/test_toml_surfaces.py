@@ -173,3 +173,12 @@ def test_a_material_of_ones_own_covers_the_colours_of_a_file(tmp_path):
     covered = load(tmp_path, f'[materials.m]\ncolor = [0.1, 0.2, 0.3]\n{told}material = "m"\n')
     mesh = covered.meshes[0]
     assert covered.materials[mesh.material_ids[0]].color == (0.1, 0.2, 0.3) and mesh.colors is None
+
+
+def test_a_spots_inner_cone_is_no_wider_than_the_outer(tmp_path):
+    (tmp_path / "a.toml").write_text(
+        '[camera]\nposition = [0.0, 0.0, 3.0]\n[[lights]]\nkind = "spot"\nintensity = [1.0, 1.0, 1.0]\n'
+        "inner_deg = 50.0\nouter_deg = 30.0\n"
+    )
+    (spot,) = load_world(tmp_path / "a.toml").punctual_lights
+    assert (spot.inner_deg, spot.outer_deg) == (30, 30)

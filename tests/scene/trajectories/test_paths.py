@@ -14,6 +14,7 @@ import clsim
 from clsim.errors import InputError
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
+from clsim.scene import load_world
 from clsim.scene.motion import Nested, Orbit, compose, rotation_matrix
 from clsim.scene.rigid import quaternion_of
 from clsim.scene.trajectories.paths import ENDINGS, read_path
@@ -148,6 +149,13 @@ def test_a_still_model_on_a_path_does_not_drift(tmp_path: Path) -> None:
     assert not any("circles" in note for note in world.notes)
 
 
+def test_a_path_of_one_pose_lasts_as_long_as_the_scene(tmp_path: Path) -> None:
+    (tmp_path / "path.txt").write_text("5 1 2 3 0 0 0 1\n")
+    world, own = load_world("two-boxes", camera_path=tmp_path / "path.txt"), load_world("two-boxes")
+    assert world.duration_s == own.duration_s > 0
+    np.testing.assert_allclose(world.camera.motion.pose(0.5), compose((1, 2, 3), np.eye(3)) @ HALF_TURN, atol=1e-12)
+
+
 def test_the_camera_of_a_gltf_can_be_followed(tmp_path: Path) -> None:
     tree = with_camera(gltf())
     file = write_gltf(tmp_path, tree)
@@ -232,3 +240,10 @@ def test_times_count_in_the_unit_that_their_name_ends_in(tmp_path, ending, unit,
     motion = read_path(path)
     assert motion.duration_s == pytest.approx(1.5)
     assert motion.pose(0.5)[:3, 3] == pytest.approx((1, 0, 0))
+
+
+@pytest.mark.parametrize("prefix", ["", "p", "t", "p_", "t_"])
+def test_columns_of_places_have_the_names_that_programs_give_them(tmp_path: Path, prefix: str) -> None:
+    header = ",".join(["time_s", *(prefix + axis for axis in "xyz"), "qx", "qy", "qz", "qw"])
+    (tmp_path / "a.csv").write_text(header + "\n0,1,2,3,0,0,0,1\n")
+    np.testing.assert_array_equal(read_path(tmp_path / "a.csv").pose(0.0)[:3, 3], (1, 2, 3))

@@ -9,11 +9,11 @@ from pxr import Usd, UsdGeom, UsdLux
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from tests.scene.usd.usd_files import CAMERA, METRES, mesh, placed, usda
+from tests.scene.usd.usd_files import CAMERA, METRES, SQUARE, TIMED, mesh, placed, usda
 
 
 def world_of(tmp_path, text, meta=METRES):
-    return load_world(usda(tmp_path, text + CAMERA, meta))
+    return load_world(usda(tmp_path, f"{text}\n{CAMERA}", meta))
 
 
 def outward(tmp_path, text):
@@ -27,6 +27,36 @@ def test_left_handed_faces_look_the_other_way(tmp_path):
     """UsdGeom: orientation says by which hand the normal of a face's points is told."""
     right, left = (outward(tmp_path, mesh(extra)) for extra in ("", 'uniform token orientation = "leftHanded"'))
     assert right == pytest.approx((0, 8, 0)) and left == pytest.approx(-right)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "told"), [("none", True), ("bilinear", True), ("catmullClark", False), ("loop", False)]
+)
+def test_normals_of_what_shall_be_subdivided_do_not_count(tmp_path, scheme, told):
+    """UsdGeomMesh: normals that are told are not used while a mesh is subdivided; what is bilinear bends nowhere."""
+    shape = SQUARE.replace('"none"', f'"{scheme}"')
+    tilted = "normal3f[] normals = [(0.6, 0.8, 0), (0.6, 0.8, 0), (0.6, 0.8, 0), (0.6, 0.8, 0)]"
+    world = world_of(tmp_path, mesh(tilted, shape=shape))
+    np.testing.assert_allclose(world.meshes[0].normals, [(0.6, 0.8, 0) if told else (0, 1, 0)] * 4, atol=1e-6)
+    assert any("subdivided" in warning for warning in world.warnings) is not told
+
+
+@pytest.mark.parametrize("name", ["normals", "primvars:normals"])
+@pytest.mark.parametrize("interpolation", ["vertex", "faceVarying"])
+def test_normals_that_move_with_the_points_are_those_of_the_time(tmp_path, name, interpolation):
+    away = [(0, 1, 0), (0.6, 0.8, 0)]
+    samples = ", ".join(
+        f"{code}: [{', '.join([str(normal)] * 4)}]" for code, normal in zip((10, 34), away, strict=True)
+    )
+    points = (
+        "10: [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], 34: [(-1, 1, 1), (1, 0, 1), (1, 0, -1), (-1, 1, -1)]"
+    )
+    told = f'normal3f[] {name} (interpolation = "{interpolation}")\nnormal3f[] {name}.timeSamples = {{ {samples} }}\n'
+    moving = mesh(f"{told}point3f[] points.timeSamples = {{ {points} }}")
+    (found,) = world_of(tmp_path, moving, TIMED).meshes
+    for time_s, expected in ((0.0, away[0]), (0.5, (0.3, 0.9, 0)), (1.0, away[1])):
+        _, normals = found.deformation.vertices_at(time_s)
+        np.testing.assert_allclose(normals, [np.divide(expected, np.linalg.norm(expected))] * len(normals), atol=1e-6)
 
 
 def test_holes_are_faces_by_their_number_and_the_rest_stays(tmp_path):
@@ -198,3 +228,47 @@ def test_opacity_is_blended_unless_there_is_a_threshold(tmp_path, threshold, mod
     _, material = painted(tmp_path, f"{connected}\n        float inputs:opacityThreshold = {threshold}")
     assert material.alpha_mode == mode and material.alpha_cutoff == pytest.approx(threshold)
     assert material.opacity_texture >= 0
+
+
+def test_light_of_which_two_things_change_is_their_product(tmp_path):
+    """A line times a line: half of the way, half of a half."""
+    lamp = """def SphereLight "bulb" { float inputs:intensity.timeSamples = { 10: 0, 34: 4 }
+        color3f inputs:color.timeSamples = { 10: (0, 1, 1), 34: (1, 1, 0) } }"""
+    (bulb,) = world_of(tmp_path, mesh() + lamp, TIMED).sphere_lights
+    for time_s in (0.0, 0.25, 0.5, 1.0):
+        seen = np.multiply(bulb.radiance, bulb.modulation.mean(time_s, time_s))
+        np.testing.assert_allclose(seen, 4 * time_s * np.array((time_s, 1, 1 - time_s)), atol=0.02)
+
+
+def test_a_sphere_without_a_size_has_the_same_intensity_in_every_unit(tmp_path):
+    """UsdLux: one of radius 0 shines as if its radiance, a quarter of its surface's, were that of a unit."""
+    lamp = 'def SphereLight "bulb" { float inputs:radius = 0\n float inputs:intensity = 8 }'
+    for metres in ("1", "0.01"):
+        (bulb,) = world_of(tmp_path, mesh() + lamp, METRES.replace("= 1", f"= {metres}")).punctual_lights
+        assert bulb.intensity == pytest.approx((2, 2, 2))
+
+
+def test_what_resets_the_transforms_above_it_stands_still_below_what_moves(tmp_path):
+    """UsdGeomXformable: ``!resetXformStack!`` leaves out all that comes from its parents."""
+    own = placed("double3 xformOp:translate = (1, 2, 3)")
+    reset = own.replace("[", '["!resetXformStack!", ', 2).replace('token["!resetXformStack!", ]', "token[]", 1)
+    moving = placed("double3 xformOp:translate.timeSamples = { 10: (0, 0, 0), 34: (5, 0, 0) }")
+    bodies = f'def Xform "cart" {{ {moving} {mesh(own, "follows")} {mesh(reset, "stays")} }}'
+    world = world_of(tmp_path, bodies, TIMED)
+    follows, stays = (next(i for i in world.instances if i.name.endswith(name)) for name in ("follows", "stays"))
+    assert follows.motion.duration_s == 1 and stays.motion.duration_s == 0
+    assert stays.motion.pose(0.5)[:3, 3] == pytest.approx((1, 2, 3))
+
+
+def test_points_that_are_nowhere_are_left_out(tmp_path):
+    points = 'def Points "dust" { point3f[] points = [(0, 0, 0), (nan, 0, 0), (1, 0, 0)]\n float[] widths = [0.5] }'
+    (dust,) = world_of(tmp_path, points).meshes
+    assert np.isfinite(dust.vertices).all()
+    assert (dust.vertices.min(axis=0)[0], dust.vertices.max(axis=0)[0]) == pytest.approx((-0.25, 1.25))
+
+
+def test_a_shifted_aperture_shifts_the_optical_axis_by_its_share_of_the_width(tmp_path):
+    shifted = """def Camera "shifted" { float horizontalAperture = 20\n float verticalAperture = 10
+        float horizontalApertureOffset = 2\n float verticalApertureOffset = 3 }"""
+    camera = load_world(usda(tmp_path, mesh() + shifted)).camera
+    assert camera.lens.principal_point == pytest.approx((-0.1, 0.15))
