@@ -40,7 +40,7 @@ def earlier(mi, tmp_path: Path) -> Path:
 
 def test_a_file_of_an_earlier_version_is_rendered(mi, earlier: Path) -> None:
     """A surface that reflects a quarter of a white sky; its files lie beside the scene's, wherever the reader is."""
-    with pytest.raises(RuntimeError, match="sppm"):
+    with pytest.raises(RuntimeError, match=r"sppm|no_such_thing"):  # by version, one or the other is told first
         mi.load_file(str(earlier))
     scene = load_mitsuba_file(mi, earlier)
     view = mi.ScalarTransform4f().look_at(origin=[0, -1, 3], target=[0, -1, 0], up=[0, 1, 0])
