@@ -28,7 +28,9 @@ _TRIAL_S = 100.0
 
 
 def load_mitsuba(*variants: str) -> Any:
-    """Return the module with the first of these variants set that works here; of none named, LLVM's, the fast one.
+    """Return the module with the first of these variants set that works here.
+
+    With none named it is LLVM's or nothing, as what is timed must not be the slow one by chance.
 
     Raises:
         InputError: it is not installed, or none of them works.
