@@ -20,6 +20,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from clsim.scene.light.daylight import ALBEDOS, HEIGHTS, TURBIDITIES, dome
+from tools.peers.mitsuba_variant import load_mitsuba
 
 F64 = npt.NDArray[np.float64]
 START = np.array([-1.0, -0.3, 0.5, 1.0, -3.0, 0.3, 0.05, 0.6, 0.5])
@@ -78,7 +79,7 @@ def fit(values: F64, cosine: F64, gamma: F64, near: list[F64]) -> F64:
 
 def main() -> None:
     """Write the table."""
-    mitsuba.set_variant("llvm_ad_rgb")
+    load_mitsuba()
     directions = on_dome(800)
     shape = len(TURBIDITIES), len(HEIGHTS)
     sky = np.zeros((*shape, len(ALBEDOS), 3, 9))
