@@ -8,7 +8,7 @@ import pytest
 from clsim.detect.config import DetectorConfig
 from clsim.detect.methods import esim_ad as detector_module
 from clsim.detect.reference import ReferenceDetector
-from clsim.detector import Detector, recorded_detector
+from clsim.detector import Detector
 from clsim.errors import InputError
 from clsim.frames import Frame
 from clsim.opencl.device import choose_device
@@ -387,17 +387,3 @@ def test_how_bright_a_luminance_is_makes_no_new_programs_but_where_it_matters(mo
         run(Detector(config_of(**options), 11, 9, frames[0].names), frames)
     assert [len(each) for each in built] == [7] * 4
     assert len(set.intersection(*built)) == 5
-
-
-@pytest.mark.parametrize("gate", ["delta-r-exact", "published"])
-def test_gates_that_keep_old_windows_work_on_recorded_frames_alone(gate):
-    frames = random_frames(15, count=3)
-    size = (frames[0].width, frames[0].height, frames[0].names)
-    config = config_of(gate=gate)
-    with pytest.raises(InputError, match="needs old windows"):
-        Detector(config, *size)
-    recorded = recorded_detector(config, *size)
-    np.testing.assert_array_equal(run(recorded, frames), run(ReferenceDetector(config, *size), frames))
-    assert recorded.stats.events > 0
-    recorded.close()
-    assert isinstance(recorded_detector(config_of(), *size), Detector)

@@ -1,4 +1,4 @@
-"""An option is called unused where, and only where, it changes no event."""
+"""Options are called unused where, and only where, they change no event; gates that need old windows refuse live frames."""
 
 from dataclasses import replace
 from itertools import product
@@ -8,6 +8,7 @@ import pytest
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference import ReferenceDetector
+from clsim.detector import Detector, recorded_detector
 from clsim.errors import InputError
 from clsim.frames import Frame
 from tests.detect.reference_scenes import random_frames, run
@@ -85,3 +86,18 @@ def test_an_option_that_cannot_work_is_refused(base: str, option: str) -> None:
 def test_defaults_are_no_unused_options() -> None:
     for method in ("esim", "irradiance", "wlr-esim", "esim-ad"):
         assert DetectorConfig(method=method).unused() == ()
+
+
+@pytest.mark.parametrize("gate", ["delta-r-exact", "published"])
+def test_gates_that_keep_old_windows_work_on_recorded_frames_alone(gate):
+    frames = random_frames(15, count=3)
+    size = (frames[0].width, frames[0].height, frames[0].names)
+    plain = DetectorConfig(window=5, threshold_on=0.15, threshold_off=0.12)
+    config = replace(plain, gate=gate)
+    with pytest.raises(InputError, match="needs old windows"):
+        Detector(config, *size)
+    recorded = recorded_detector(config, *size)
+    np.testing.assert_array_equal(run(recorded, frames), run(ReferenceDetector(config, *size), frames))
+    assert recorded.stats.events > 0
+    recorded.close()
+    assert isinstance(recorded_detector(plain, *size), Detector)

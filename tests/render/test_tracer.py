@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import threading
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -22,10 +22,6 @@ from clsim.render import (
     list_render_devices,
     scene_data,
 )
-from clsim.render.features.bsdf_kinds import KINDS
-from clsim.render.features.features import Features
-from clsim.render.paths.integrator import build_kernel
-from clsim.render.scene_data import scene_features
 from clsim.scene import (
     CheckerTexture,
     EnvironmentMap,
@@ -37,7 +33,6 @@ from clsim.scene import (
     PunctualLight,
     SphereLight,
     Static,
-    load_world,
 )
 from tests.render import hand_worlds as hw
 
@@ -380,37 +375,3 @@ def test_starting_is_silent():
     code = "import clsim.render as r; r.list_render_devices()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def compiles_for_cuda(features, folder):
-    """Compile a kernel to PTX: what a CPU-only machine can check of the other backend."""
-    check_device("cpu")
-    archs = wp.get_cuda_supported_archs()
-    if not archs:
-        pytest.skip("this build of Warp has no CUDA compiler")
-    kernel = build_kernel(features)
-    arch = 80 if 80 in archs else archs[0]
-    wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=folder, use_ptx=True)
-    return list(folder.glob("*.ptx"))
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("replay", [False, True])
-def test_the_kernel_of_paths_compiles_for_cuda_with_every_feature_at_once(replay, tmp_path):
-    """That of frames, and that which traces stored paths again."""
-    odd = {"replay": replay, "strategy": "mis", "projection": "perspective", "kinds": KINDS}
-    odd |= dict.fromkeys(("first_hits", "still_lamps", "light_cache", "lamp_light", "requests"), False)
-    assert compiles_for_cuda(
-        Features(**{field.name: odd.get(field.name, True) for field in fields(Features)}), tmp_path
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize(("scene", "light_cache"), [("two-boxes", False), ("cornell", True)])
-def test_the_kernels_of_first_hits_compile_for_cuda(scene, light_cache, tmp_path):
-    """For scenes: with every feature at once the compiler takes more than five minutes."""
-    world = load_world(scene)
-    options = RenderOptions(spp=4, probe_spp=1, first_hit_rays=16, light_cache=light_cache)
-    assert compiles_for_cuda(options.features(scene_features(world, 0.0), world.camera), tmp_path)

@@ -1,0 +1,50 @@
+"""What waits for a browser: never more than is bounded, and what is dropped is counted."""
+
+import asyncio
+
+import pytest
+
+from clsim.live.view import hub as hub_module
+from clsim.live.view.hub import Hub, Watcher
+
+
+def test_a_watcher_is_sent_no_more_than_it_confirms() -> None:
+    watcher = Watcher()
+    for k in range(100):
+        watcher.put(bytes([k]), 1)
+    sent = []
+    while (packet := watcher.next_packet()) is not None:
+        sent.append(packet[0])
+    assert sent == list(range(hub_module.UNSEEN_PACKETS))
+    watcher.seen = 10
+    assert watcher.next_packet() == bytes([hub_module.UNSEEN_PACKETS])
+
+
+def test_a_watchers_queue_is_bounded_and_drops_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub_module, "QUEUE_EVENTS", 100)
+    watcher, hub = Watcher(), Hub(asyncio.new_event_loop())
+    hub.watchers.add(watcher)
+    for k in range(50):
+        watcher.put(bytes([k]), 10)
+    assert watcher.waiting_events == 100 and watcher.dropped_events == 400 == hub.dropped_events
+    assert watcher.missed_events == 400
+    assert watcher.next_packet() == bytes([40])
+    for _ in range(3 * hub_module.QUEUE_PACKETS):
+        watcher.put(b"", 0)
+    assert len(watcher._packets) == hub_module.QUEUE_PACKETS
+    lost = watcher.dropped_events
+    hub.leave(watcher)
+    assert hub.dropped_events == lost == 490  # still counted when the browser has gone
+    watcher.clear()
+    assert watcher.missed_events == 0 and watcher.dropped_events == lost  # a jump begins a new count for the page
+    hub._loop.close()
+
+
+def test_a_large_packet_pushes_out_as_many_small_ones_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub_module, "QUEUE_EVENTS", 100)
+    watcher = Watcher()
+    for k in range(10):
+        watcher.put(bytes([k]), 10)
+    watcher.put(b"large", 75)
+    assert watcher.waiting_events == 95 and watcher.dropped_events == 80
+    assert [watcher.next_packet() for _ in range(4)] == [bytes([8]), bytes([9]), b"large", None]
