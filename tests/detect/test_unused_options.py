@@ -1,4 +1,4 @@
-"""Options are called unused where, and only where, they change no event; gates that need old windows refuse live frames."""
+"""Options are called unused just where they change no event; gates that need old windows refuse live frames."""
 
 from dataclasses import replace
 from itertools import product
