@@ -1,6 +1,6 @@
-"""Measure Mitsuba's sky and sun, and fit the model of clear skies to them: writes clsim/scene/daylight.npz.
+"""Measure Mitsuba's sky and sun, and fit the model of clear skies to them: writes clsim/scene/light/daylight.npz.
 
-python tools/accuracy/fit_sky.py clsim/scene/daylight.npz
+python -m tools.accuracy.fit_sky clsim/scene/light/daylight.npz
 
 Needs mitsuba with LLVM, and scipy. The model is that of Hosek and Wilkie, "An Analytic Model for Full Spectral Sky-Dome
 Radiance", SIGGRAPH 2012, eq. 8 and 9; its parameters are found here for each of some turbidities, reflectances of the
