@@ -239,7 +239,8 @@ def test_real_pace_never_runs_ahead_of_the_clock() -> None:
     pipeline, _, _ = run(plan(1.0, 20.0, frames=12), Timed(), pace="real")
     pipeline.start()
     assert pipeline.wait(20)
-    assert all(begun_s[k] - begun_s[4] >= (k - 4) / 20 - 1e-3 for k in range(5, 12))
+    # Frame 4 was due at some time after frame 3 began; it may have begun late.
+    assert all(begun_s[k] - begun_s[3] >= (k - 4) / 20 - 1e-3 for k in range(5, 12))
     assert pipeline.progress.dropped_frames == 0
 
 
