@@ -34,9 +34,8 @@ _AT_CONTRAST = 16
 _ENOUGH_TO_REFINE = 12
 """Primary rays from which on there are more where that helps. Of fewer, a pixel that gets more shows another brightness
 than before, by as much as an event."""
-_AT_EVENT, _AT_EVENT_CACHED = 6, 4
-"""Largest multiple of them where an event is near, the second with cached light: twice as many took a third more time
-in a staircase and gained nothing that could be measured, …"""
+_AT_EVENT, _AT_EVENT_CACHED = 6, 8
+"""Largest multiple of them where an event is near, the second with cached light, …"""
 _MOST_COUNT = 1024
 """… and the most then."""
 ENOUGH_FOR_EDGES = 8
