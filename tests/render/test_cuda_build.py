@@ -12,6 +12,8 @@ from clsim.render.paths.integrator import build_kernel
 from clsim.render.scene_data import scene_features
 from clsim.scene import load_world
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 
 def compiles_for_cuda(features, folder):
     """Compile a kernel to PTX."""
