@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
@@ -28,7 +29,7 @@ class Context:
     follower_s: float = 0.0
 
 
-class Stage:
+class Stage(ABC):
     """A stage: its settings, and what its functions in the kernels need.
 
     Attributes:
@@ -37,13 +38,13 @@ class Stage:
         state: planes of what each pixel carries from step to step; S_NAME in kernels.
     """
 
+    @abstractmethod
     def macros(self) -> tuple[str, ...]:
         """Return the macros with which kernels are built; none where the stage is off."""
-        raise NotImplementedError
 
+    @abstractmethod
     def constants(self, context: Context) -> Constants:
         """Return the constants of a stage that is on."""
-        raise NotImplementedError
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     state: ClassVar[Mapping[str, tuple[str, ...]]] = {}
