@@ -41,8 +41,10 @@ class Point:
     event_rule: EventRule = "interpolated"
     stored_paths: int = 64
     """Paths that follow the light in a cell of it; see `clsim.render.RenderOptions`."""
-    follow_every: int = 4
-    """Frames in which each of these is traced again once where lamps move; see there too."""
+    lamp_paths: int = 128
+    """How many these are where lamps move; see there too."""
+    follow_every: int = 6
+    """Frames in which each of them is traced again once; see there too."""
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""
@@ -71,7 +73,13 @@ PLAIN = Point(method="esim-ad", window=None, sampling="uniform", probe_spp=1, sp
 
 
 def _cached(
-    spp: int, probe_spp: int, probe_every: int, first_hit_rays: int, stored_paths: int, follow_every: int
+    spp: int,
+    probe_spp: int,
+    probe_every: int,
+    first_hit_rays: int,
+    stored_paths: int,
+    lamp_paths: int,
+    follow_every: int,
 ) -> Point:
     return Point(
         method="esim",
@@ -84,6 +92,7 @@ def _cached(
         probe_every=probe_every,
         event_rule="linear-light",
         stored_paths=stored_paths,
+        lamp_paths=lamp_paths,
         follow_every=follow_every,
     )
 
@@ -103,9 +112,9 @@ def _adaptive(spp: int, probe_spp: int, probe_every: int, first_hit_rays: int) -
 
 
 QUALITIES: dict[Quality, Point] = {
-    "draft": _cached(2, 1, 64, 8, stored_paths=32, follow_every=8),
-    "balanced": _cached(8, 1, 16, 32, stored_paths=64, follow_every=4),
-    "accurate": _cached(32, 2, 4, 256, stored_paths=256, follow_every=1),
+    "draft": _cached(2, 1, 64, 8, stored_paths=32, lamp_paths=32, follow_every=8),
+    "balanced": _cached(8, 1, 16, 32, stored_paths=64, lamp_paths=128, follow_every=6),
+    "accurate": _cached(32, 2, 4, 256, stored_paths=256, lamp_paths=256, follow_every=1),
     "exact": Point(
         method="esim", window=None, sampling="uniform", probe_spp=1, spp=128, first_hit_rays=0, sampler="sobol"
     ),
@@ -134,9 +143,13 @@ DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 
 
+_FOLLOWING = "stored_paths", "lamp_paths", "follow_every"
+"""Settings that go with a quality alone."""
+
+
 def setting_names() -> tuple[str, ...]:
     """Return the names of the settings of a point that can be given."""
-    return tuple(field.name for field in fields(Point) if field.name not in ("stored_paths", "follow_every"))
+    return tuple(field.name for field in fields(Point) if field.name not in _FOLLOWING)
 
 
 def with_given(point: Point, given: dict[str, Any]) -> Point:

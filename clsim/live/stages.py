@@ -87,6 +87,7 @@ class Stages:
     @property
     def chosen(self) -> tuple[str, ...]:
         """What was chosen and why, a sentence each: settings, how light is known, and when brightness is found."""
+        from clsim.render import lamps_move
         from clsim.render.features.scene_features import light_stands_still
 
         point, name = self.options.point, self.world.name
@@ -95,9 +96,10 @@ class Stages:
         elif light_stands_still(self.world) and not self.render.lights_set:
             light = f"light is cached on surfaces and not traced again: nothing but the camera of {name} moves"
         else:
+            stored = point.lamp_paths if lamps_move(self.world) else point.stored_paths
             light = (
                 f"light is cached on surfaces; what moves or shines differently in {name} changes it, so paths that "
-                f"meet that are traced again, of {point.stored_paths} or more in each cell"
+                f"meet that are traced again, of {stored} or more in each cell"
             )
         times = f"brightness is found {self.fps:g} times a second, in frames"
         if self.retracing is not None:
@@ -220,6 +222,7 @@ def plan_stages(
         first_hit_rays=point.first_hit_rays,
         light_cache=point.sampling == "cached",
         stored_paths=point.stored_paths,
+        lamp_paths=point.lamp_paths,
         follow_every=point.follow_every,
         lights_set=lights_set,
         light_hz=None if options.time == "fixed" else BASE_FPS,

@@ -84,7 +84,9 @@ class RenderOptions:
     """
     stored_paths: int = 64
     """Where more than the camera moves: paths stored in a cell of light, traced again where what they met has moved."""
-    follow_every: int = 4
+    lamp_paths: int = 128
+    """How many these are in a scene whose lamps move, which changes what each of them finds."""
+    follow_every: int = 6
     """Frames in which each of these is traced again once where lamps move; in between it changes steadily."""
     lights_set: bool = False
     """Whether lights are set from outside: cached light follows them then, also where nothing else moves."""
@@ -126,6 +128,7 @@ class RenderOptions:
             ("probe_spp", self.probe_spp),
             ("probe_every", self.probe_every),
             ("stored_paths", self.stored_paths),
+            ("lamp_paths", self.lamp_paths),
             ("follow_every", self.follow_every),
             ("truth_every", self.truth_every),
         ):

@@ -324,9 +324,8 @@ class View:
         from clsim.render.cache.path_store import PathStore
 
         kernel = build_kernel(options.features(self._data.features, camera, replay=True), self._data.tree)
-        return PathStore(
-            kernel, self._data, self._settings, options.stored_paths, options.follow_every, options.threads
-        )
+        stored = options.lamp_paths if len(self._data.lamp_poses()) else options.stored_paths
+        return PathStore(kernel, self._data, self._settings, stored, options.follow_every, options.threads)
 
     def _shine(self, time_s: float) -> dict[str, Any]:
         """Let light be its mean over an exposure about that time; return the argument of the kernel that this changes.

@@ -167,7 +167,7 @@ def test_named_points_are_those_of_live_runs() -> None:
     for name, quality in QUALITIES.items():
         rendering, detector = named[name].rendering, named[name].detector
         assert (rendering.noise, rendering.sampling) == (quality.noise, quality.sampling)
-        for field in ("spp", "sampler", "first_hit_rays", "probe_every", "stored_paths", "follow_every"):
+        for field in ("spp", "sampler", "first_hit_rays", "probe_every", "stored_paths", "lamp_paths", "follow_every"):
             assert getattr(rendering, field) == getattr(quality, field)
         assert rendering.probe_spp == (quality.probe_spp if quality.sampling != "uniform" else None)
         assert (detector.method, detector.window) == (quality.method, quality.window)
@@ -184,7 +184,7 @@ def test_a_bench_runs_what_a_live_run_would() -> None:
             point = named_points(0)[name]
             bench = point.options(live.fps, 2, world.sensor)
             told = "spp", "probe_spp", "probe_every", "first_hit_rays", "light_cache", "fires_at", "sampler", "noise"
-            for field in (*told, "stored_paths", "follow_every"):
+            for field in (*told, "stored_paths", "lamp_paths", "follow_every"):
                 assert getattr(bench, field) == getattr(live.render, field), (name, field)
             assert point.detector.config(world.sensor) == live.detector
 

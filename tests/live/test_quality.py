@@ -125,12 +125,13 @@ def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:
 @pytest.mark.parametrize("scene", ["two-boxes", "cornell", "moving-light", "still"])
 def test_no_setting_follows_the_scene(scene: str) -> None:
     """A quality is one row of one table, whatever moves."""
+    following = "stored_paths", "lamp_paths", "follow_every"
     for name, point in QUALITIES.items():
         stages = plan_stages(options(scene=scene, quality=name))
         assert stages.options.point == point
         render = stages.render
         assert (render.spp, render.first_hit_rays) == (point.spp, point.first_hit_rays)
-        assert (render.stored_paths, render.follow_every) == (point.stored_paths, point.follow_every)
+        assert tuple(getattr(render, name) for name in following) == tuple(getattr(point, name) for name in following)
 
 
 @pytest.mark.parametrize("quality", QUALITIES)

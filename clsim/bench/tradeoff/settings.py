@@ -37,7 +37,8 @@ class Rendering:
     probe_every: int = 1
     """Frames in which all pixels are probed once, in turn; if sampling is adaptive, some in each."""
     stored_paths: int = 64
-    follow_every: int = 4
+    lamp_paths: int = 128
+    follow_every: int = 6
 
     def options(self, fps: float, frames: int) -> RenderOptions:
         """Return the renderer's options for so many frames."""
@@ -51,6 +52,7 @@ class Rendering:
             first_hit_rays=self.first_hit_rays,
             light_cache=self.sampling == "cached",
             stored_paths=self.stored_paths,
+            lamp_paths=self.lamp_paths,
             follow_every=self.follow_every,
             fps=fps,
             frames=frames,
@@ -162,6 +164,7 @@ def _of_live(live: quality.Point, seed: int) -> Point:
         first_hit_rays=live.first_hit_rays,
         probe_every=live.probe_every,
         stored_paths=live.stored_paths,
+        lamp_paths=live.lamp_paths,
         follow_every=live.follow_every,
     )
     config = DetectorConfig(live.method, window=live.window)

@@ -192,19 +192,31 @@ def test_a_lamp_that_goes_out_leaves_no_light_behind():
 
 
 def test_a_lamp_that_moves_is_followed_in_turn():
-    """A quarter of the paths in each frame; when it stands still all are traced once more, and then none."""
+    """A sixth of the paths in each frame; when it stands still all are traced once more, and then none."""
     moves = driven(hw.IDENTITY, [(k / 120, (1.2 - 0.05 * min(k, 8), 3.0, 1.0)) for k in range(24)])
     world = room(driven(hw.IDENTITY, ((0.0, (0.4, 0.4, 0.0)),)), moves)
     times_us = [round(k * 1e6 / 120) for k in range(24)]
     shown, paths = pictures(world, times_us)
     stored = pictures(world, times_us, follow_every=1)[1][2]
-    assert paths[2] == pytest.approx(stored / 4, rel=0.05)
+    assert paths[2] == pytest.approx(stored / 6, rel=0.05)
     assert paths[9] == pytest.approx(stored, rel=0.05)
     assert paths[10:].sum() < 0.01 * stored
     at_once, _ = pictures(world, times_us, follow_every=1)
     np.testing.assert_allclose(shown[-1], at_once[-1], rtol=2e-4, atol=1e-5)
     # Paths whose turn it is not go on as they did before.
     assert np.abs(shown[5:9] - at_once[5:9]).mean() < 2e-3 * at_once[5:9].mean()
+
+
+def test_how_many_paths_are_stored_goes_by_whether_lamps_move():
+    """All of them change with a lamp that moves, and few with a box; a setting of the other kind changes nothing."""
+    moves = driven(hw.IDENTITY, ((0.0, (1.2, 3.0, 1.0)), (0.1, (-1.2, 3.0, 1.0))))
+    for lamp, counts, other in ((moves, "lamp_paths", "stored_paths"), (lamp_at(), "stored_paths", "lamp_paths")):
+        world = room(there_and_back(), lamp)
+        many, few, same = (
+            pictures(world, [100_000, 150_000], spp=64, follow_every=1, **{counts: 128, other: 128} | changed)[1][1]
+            for changed in ({}, {counts: 16}, {other: 16})
+        )
+        assert same == many and 0 < few < 0.5 * many
 
 
 @pytest.mark.parametrize("threads", [1, 3])
