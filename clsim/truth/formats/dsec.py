@@ -5,7 +5,8 @@ events/SIDE/events.h5                       as DSEC has it
 events/SIDE/rectify_map.h5                  the identity: what is recorded is its own rectified view
 images/SIDE/rectified/000000.png            8-bit sRGB grey, one exposure for the run; times in images/timestamps.txt
 disparity/event/000000.png                  256 · disparity [px], 0 where there is none; disparity/timestamps.txt
-flow/forward/000000.png, flow/backward/…    32768 + 128 · flow, valid; from and to in flow/forward_timestamps.txt
+flow/forward/000000.png, flow/backward/…    32768 + 128 · flow, valid; from and to in flow/forward_timestamps.txt;
+                                            none that leads to before or beyond the recording
 calibration/cam_to_cam.yaml                 intrinsics, extrinsics and the matrix from disparity to depth
 ==========================================  ======================================================================
 
@@ -55,6 +56,9 @@ class DsecLayout(Layout):
         """Create the folder; raises InputError when it cannot be."""
         self._path, self._about, self._side = path, about, about.side
         self._count = 0
+        self._end_us = 0
+        # Of the newest frame's flow, its file, where it leads, and its line: whether that is beyond all is known later.
+        self._newest: tuple[str, int, str] | None = None
         self._pictures = Pictures()
         # Disparity, flow and ids are those of the left view alone, as DSEC has them.
         self._leads = about.side == "left"
@@ -71,24 +75,19 @@ class DsecLayout(Layout):
     def events(self, batch: EventBatch, end_us: int) -> None:
         """Append events."""
         self._sink.write(batch, end_us)
+        self._end_us = max(self._end_us, end_us)
 
     def shot(self, shot: Shot) -> None:
         """Write a frame's images, then the lines that tell of them."""
         name, planes = f"{self._count:06d}.png", shot.planes
+        self._end_us = max(self._end_us, shot.time_us)
         with naming_failures(self._path):
             picture = self._pictures.of(planes)
             if picture is not None:
                 write_png(self._path / "images" / self._side / "rectified" / name, picture)
+                self._texts["images/timestamps.txt"].add([f"{shot.time_us}"])
             if self._leads:
                 self._write_truth(name, shot)
-        for text, line in (
-            ("images/timestamps.txt", f"{shot.time_us}"),
-            ("disparity/timestamps.txt", f"{shot.time_us}"),
-            ("flow/forward_timestamps.txt", f"{shot.time_us}, {shot.after_us}"),
-            ("flow/backward_timestamps.txt", f"{shot.time_us}, {shot.before_us}"),
-        ):
-            if text in self._texts:
-                self._texts[text].add([line])
         self._count += 1
 
     def track(self, chunk: TrackChunk) -> None:
@@ -103,6 +102,13 @@ class DsecLayout(Layout):
 
     def close(self) -> None:
         """Complete the files."""
+        if self._newest is not None:
+            name, to_us, line = self._newest
+            if to_us <= self._end_us:
+                self._texts["flow/forward_timestamps.txt"].add([line])
+            else:
+                for folder in ("forward", "forward_covisible"):
+                    (self._path / "flow" / folder / name).unlink(missing_ok=True)
         self._sink.close()
         for text in self._texts.values():
             text.close()
@@ -113,13 +119,22 @@ class DsecLayout(Layout):
             focal = abs(self._about.camera["intrinsics_px"]["fx"])
             disparity = disparity_image(planes["depth"], focal * self._about.baseline_m)
             write_png(self._path / "disparity" / "event" / name, disparity)
-        for key, way in (("flow", "forward"), ("backward-flow", "backward")):
-            if key in planes:
-                write_png(self._path / "flow" / way / name, flow_image(planes[key]))
-                write_png(self._path / "flow" / f"{way}_covisible" / name, (planes[key][..., 3] > 0).astype(np.uint8))
+            self._texts["disparity/timestamps.txt"].add([f"{shot.time_us}"])
+        if "flow" in planes:
+            if self._newest is not None:
+                self._texts["flow/forward_timestamps.txt"].add([self._newest[2]])
+            self._newest = name, shot.after_us, f"{shot.time_us}, {shot.after_us}"
+            self._write_flow(name, "forward", planes["flow"])
+        if "backward-flow" in planes and shot.before_us >= 0:
+            self._write_flow(name, "backward", planes["backward-flow"])
+            self._texts["flow/backward_timestamps.txt"].add([f"{shot.time_us}, {shot.before_us}"])
         for key in ("object", "material"):
             if key in planes:
                 write_png(self._path / "ids" / key / name, np.minimum(planes[key], 65535).astype(np.uint16))
+
+    def _write_flow(self, name: str, way: str, flow: npt.NDArray[Any]) -> None:
+        write_png(self._path / "flow" / way / name, flow_image(flow))
+        write_png(self._path / "flow" / f"{way}_covisible" / name, (flow[..., 3] > 0).astype(np.uint8))
 
     def _prepare(self) -> None:
         about, names = self._about, with_images(self._about.names)

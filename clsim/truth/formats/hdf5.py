@@ -80,25 +80,32 @@ class Hdf5Layout(Layout):
         self._wait({f"events/{name}": labels[name] for name in LABEL_DTYPE.names or ()})
 
     def shot(self, shot: Shot) -> None:
-        """Append a frame."""
+        """Append a frame; rows of planes that it lacks say that nothing is known, so that numbers stay the same."""
         rows: dict[str, npt.NDArray[Any]] = {
             "frames/event_index": np.array([shot.event_index]),
         }
-        for name, values in shot.planes.items():
-            if name in _PLANES:
-                rows[f"frames/{name}"] = values[None]
+        for name in _planes_of(self._about):
+            width, kind, *_ = _PLANES[name]
+            rows[f"frames/{name}"] = self._plane(shot, name, width, np.nan if kind.startswith("f") else 0)
         for name, end, end_us in (
             ("flow", "flow_end", shot.after_us),
             ("backward_flow", "flow_start", shot.before_us),
         ):
-            flow = shot.planes.get(name.replace("_", "-"))
-            if flow is not None:
-                rows[f"frames/{name}"] = flow[None, :, :, :2]
-                rows[f"frames/{name}_valid"] = flow[None, :, :, 2] > 0
-                rows[f"frames/{name}_covisible"] = flow[None, :, :, 3] > 0
+            key = name.replace("_", "-")
+            if key in self._about.names:
+                flow = self._plane(shot, key, (4,), 0)
+                rows[f"frames/{name}"] = flow[..., :2]
+                rows[f"frames/{name}_valid"] = flow[..., 2] > 0
+                rows[f"frames/{name}_covisible"] = flow[..., 3] > 0
                 rows[f"frames/{end}"] = np.array([end_us])
         rows["frames/t"] = np.array([shot.time_us])
         self._flush(rows)
+
+    def _plane(self, shot: Shot, name: str, width: tuple[int, ...], unknown: float) -> npt.NDArray[Any]:
+        """Return a plane as one row, filled with ``unknown`` where the frame lacks it."""
+        if name in shot.planes:
+            return shot.planes[name][None]
+        return np.full((1, self._about.height, self._about.width, *width), unknown)
 
     def track(self, chunk: TrackChunk) -> None:
         """Append poses."""
@@ -176,16 +183,21 @@ class Hdf5Layout(Layout):
         file.create_group("frames").attrs["rate_hz"] = about.frame_rate
         _column(file, "frames/t", (), "i8", 1 << 10)
         _column(file, "frames/event_index", (), "i8", 1 << 10)
-        asked = {*about.names, *(("object", "material") if "ids" in about.names else ())}
-        for name, (width, kind, unit, meaning) in _PLANES.items():
-            if name in asked:
-                _image(file, f"frames/{name}", (*size, *width), kind, unit, meaning)
+        for name in _planes_of(about):
+            width, kind, unit, meaning = _PLANES[name]
+            _image(file, f"frames/{name}", (*size, *width), kind, unit, meaning)
         for name, (meaning, end) in _FLOWS.items():
-            if name.replace("_", "-") in asked:
+            if name.replace("_", "-") in about.names:
                 _image(file, f"frames/{name}", (*size, 2), "f4", "px", f"right and down, {meaning}")
                 _image(file, f"frames/{name}_valid", size, "u1", "1", "whether the flow is known")
                 _image(file, f"frames/{name}_covisible", size, "u1", "1", "whether the point is seen at both times")
                 _column(file, f"frames/{end}", (), "i8", 1 << 10)
+
+
+def _planes_of(about: About) -> list[str]:
+    """Return the names of planes but flow's that frames have."""
+    asked = {*about.names, *(("object", "material") if "ids" in about.names else ())}
+    return [name for name in _PLANES if name in asked]
 
 
 def is_recording(path: Path) -> bool:
