@@ -75,11 +75,14 @@ class Sequence:
         """Return a plane of truth of a frame, such as ``depth`` ``[H, W]`` or ``flow`` ``[H, W, 2]``.
 
         Raises:
-            InputError: the sequence has none of that name.
+            InputError: the sequence has none of that name, or no such frame.
         """
         if self._frames is None or name not in self._frames:
             held = sorted(self._frames) if self._frames is not None else []
             raise InputError(f"{self._file.filename}: has no truth {name!r}, but {', '.join(held) or 'none'}")
+        count = len(self._frames[name])
+        if not -count <= frame < count:
+            raise InputError(f"{self._file.filename}: has {count} frames of truth, got frame {frame}")
         plane: npt.NDArray[Any] = self._frames[name][frame]
         return plane
 
@@ -201,7 +204,9 @@ class Slices:
         if self.by == "time":
             times = np.arange(0, sequence.end_us + 1, self.step)
         for frame, (start_us, end_us) in enumerate(zip(times[:-1].tolist(), times[1:].tolist(), strict=True)):
-            yield self._slice(sequence, index, sequence.events(start_us, end_us), start_us, end_us, frame)
+            # Events at a slice's end are the next one's; at the sequence's end, no slice comes.
+            events = sequence.events(start_us, None if end_us == sequence.end_us else end_us)
+            yield self._slice(sequence, index, events, start_us, end_us, frame)
 
     def _slice(
         self, sequence: Sequence, index: int, events: EventBatch, start_us: int, end_us: int, frame: int | None

@@ -113,16 +113,11 @@ def _spread(pixels: npt.NDArray[Any], sampling: tuple[int, int], held: _Window) 
     across, down = sampling
     if (across, down) == (1, 1) or pixels.shape == held.shape:
         return pixels
+    from scipy.ndimage import map_coordinates
+
     height, width = held.shape
-    rows = np.interp(np.arange(height) / down, np.arange(pixels.shape[0]), np.arange(pixels.shape[0]))
-    columns = np.interp(np.arange(width) / across, np.arange(pixels.shape[1]), np.arange(pixels.shape[1]))
-    top, left = np.floor(rows).astype(int), np.floor(columns).astype(int)
-    below, right = np.minimum(top + 1, pixels.shape[0] - 1), np.minimum(left + 1, pixels.shape[1] - 1)
-    v, u = (rows - top)[:, None], columns - left
-    samples = pixels.astype(np.float32)
-    upper = samples[top][:, left] * (1 - u) + samples[top][:, right] * u
-    lower = samples[below][:, left] * (1 - u) + samples[below][:, right] * u
-    return np.asarray(upper * (1 - v) + lower * v, np.float32)
+    places = np.meshgrid(np.arange(height) / down, np.arange(width) / across, indexing="ij")
+    return np.asarray(map_coordinates(pixels.astype(np.float32), places, order=1, mode="nearest"))
 
 
 def _add_colours(channels: dict[str, npt.NDArray[Any]], header: dict[str, Any]) -> None:

@@ -25,6 +25,8 @@ def make_events(index):
     rng = np.random.default_rng(index)
     events = np.zeros(500, EVENT_DTYPE)
     events["t"] = np.sort(rng.integers(0, 40_000, 500))
+    # Some at the very end, as pixels fire in the last frame.
+    events["t"][-3:] = 40_000
     events["x"], events["y"] = rng.integers(0, _W, 500), rng.integers(0, _H, 500)
     events["on"] = rng.random(500) < 0.5
     return events
@@ -82,6 +84,9 @@ def test_any_slice_of_time_has_its_events(folder):
         np.testing.assert_array_equal(sequence.events(), events)
         with pytest.raises(InputError, match="no truth 'flow', but depth, t"):
             sequence.truth("flow", 0)
+        assert (sequence.truth("depth", -1) == 4).all()
+        with pytest.raises(InputError, match="has 5 frames of truth, got frame 5"):
+            sequence.truth("depth", 5)
 
 
 def test_times_of_a_file_may_begin_later(folder):
@@ -111,7 +116,8 @@ def test_slices_by_time_and_count(folder):
     assert {each["sequence"] for each in times} == {0, 1, 2}
     assert all(each["end_us"] - each["start_us"] == 7000 for each in times)
     # The last one ends with the sequence, and is whole.
-    assert len(list(Slices(folder, by="time", step=20_000))) == 6
+    halves = list(Slices(folder, by="time", step=20_000))
+    assert len(halves) == 6 and halves[1]["events"]["t"][-1] == 40_000
     counts = list(Slices(folder, by="count", step=120))
     assert [len(each["events"]) for each in counts] == [120] * 12
 

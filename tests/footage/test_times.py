@@ -73,3 +73,9 @@ def test_a_file_that_is_no_text_is_told_in_words(tmp_path):
 def test_a_byte_order_mark_before_the_first_time_is_passed_over(tmp_path):
     (tmp_path / "a.txt").write_bytes("1.5\n2.5\n".encode("utf-8-sig"))
     assert read_times_us(tmp_path / "a.txt", "ms") == [1500, 2500]
+
+
+@pytest.mark.parametrize(("text", "us"), [(".5", 500_000), ("5.", 5_000_000), ("+1.25", 1_250_000), ("0", 0)])
+def test_a_number_needs_digits_on_one_side_of_its_point_alone(tmp_path, text, us):
+    (tmp_path / "a.txt").write_text(f"{text}\n")
+    assert read_times_us(tmp_path / "a.txt", "s") == [us]

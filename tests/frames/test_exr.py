@@ -7,6 +7,7 @@ import pytest
 from clsim.errors import InputError
 from clsim.frames import ALL_PLANES, BASE_PLANES, Frame
 from clsim.frames.exr import ExrSequence, ExrWriter
+from clsim.frames.layouts import recognise
 
 H, W = 6, 9
 RNG = np.random.default_rng(0)
@@ -65,6 +66,13 @@ def test_a_given_frame_rate_overrides_the_times_of_the_files(tmp_path):
     for index in range(3):
         writer.write(Frame(np.ones((3, H, W), dtype=np.float32), ("R", "G", "B"), 77, index))
     assert [frame.time_us for frame in ExrSequence(tmp_path, fps=30)] == [0, 33333, 66667]
+
+
+def test_two_files_tell_how_many_there_are_a_second(tmp_path):
+    writer = ExrWriter(tmp_path)
+    for index in range(2):
+        writer.write(Frame(np.ones((3, H, W), dtype=np.float32), ("R", "G", "B"), 8000 * index, index))
+    assert ExrSequence(tmp_path).recorded_fps == 125.0
 
 
 def test_published_layout(tmp_path):
@@ -147,6 +155,12 @@ def test_pbrt_without_a_camera_has_depth_only_in_camera_space(tmp_path):
     assert source.names == ("R", "G", "B", "Coverage")
     with pytest.raises(InputError, match="fit no perspective camera"):
         ExrSequence(tmp_path / "world.exr", fps=60, planes=("R", "G", "B", "Depth"))
+
+
+@pytest.mark.parametrize("more", [("P.X", "P.Y", "P.Z"), ("N.X", "N.Y", "N.Z", "dzdx")])
+def test_positions_or_normals_alone_make_no_gbuffer_of_pbrt(more):
+    """Other renderers name theirs so too."""
+    assert recognise(("R", "G", "B", *more), "a.exr").name == "mitsuba"
 
 
 @pytest.mark.parametrize("image", ["", "img."])

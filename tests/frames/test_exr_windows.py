@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.frames.exr import ExrSequence
+from clsim.frames.exr_read import _spread, _Window
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
 RNG = np.random.default_rng(0)
@@ -100,6 +101,16 @@ def test_luminance_alone_is_grey_and_chroma_makes_colours(tmp_path: Path) -> Non
     write(tmp_path / "wide.exr", channels, chromaticities=primaries)
     found = read(tmp_path / "wide.exr")
     assert np.allclose(np.stack([found[name] for name in "RGB"]), rgb, atol=1e-4)
+
+
+def test_channels_that_have_fewer_samples_are_linear_between_them() -> None:
+    """At half of the columns and a third of the rows; OpenEXR reads such files and does not write them."""
+    y, x = np.mgrid[0:9, 0:8].astype(np.float32)
+    plane = 0.01 * x + 0.02 * y + 0.003 * x * y
+    found = _spread(plane[::3, ::2], (2, 3), _Window(5, 5, 12, 13))
+    # Beyond the last samples nothing more is known.
+    np.testing.assert_allclose(found[:7, :7], plane[:7, :7], atol=1e-6)
+    np.testing.assert_array_equal(found[7:, 7], found[6, 6])
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="the shared cases are not beside the checkout")
