@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,7 @@ def check(value: Any, where: str, folder: Path) -> Any:
     """
     if not is_distribution(value):
         if isinstance(value, Mapping):
+            _check_spelling(value, where)
             return {key: check(each, f"{where}.{key}", folder) for key, each in value.items()}
         if isinstance(value, list):
             return [check(each, f"{where}[{k}]", folder) for k, each in enumerate(value)]
@@ -55,6 +57,13 @@ def check(value: Any, where: str, folder: Path) -> Any:
         return {"choice": told, _HELD_OUT: held_out}
     _check_range(kind, told, where)
     return dict(value)
+
+
+def _check_spelling(table: Mapping[str, Any], where: str) -> None:
+    # A file is what many tables name.
+    close = get_close_matches(next(iter(table)), set(DISTRIBUTIONS) - {"files"}, 1, 0.8) if len(table) == 1 else []
+    if close:
+        raise InputError(f"{where}: there is no distribution {next(iter(table))!r}; did you mean {close[0]!r}?")
 
 
 def _check_range(kind: str, told: Any, where: str) -> None:

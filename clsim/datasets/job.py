@@ -128,7 +128,8 @@ def _run(spec: Spec, sample: Sample, part: Path, threads: int | None) -> tuple[F
         # What files tell of their making must not hang on where and by which process they were made.
         session = open_live(options, told={"scene": "scene.toml", "outputs": names, "threads": None})
     except InputError as error:  # the hidden folder will be gone when the user reads this
-        raise InputError(str(error).replace(f"{part}{os.sep}", "")) from None
+        told = str(error).replace(f" in {part}", "").replace(f"{part}{os.sep}scene.toml", "the scene that is drawn")
+        raise InputError(told.replace(f"{part}{os.sep}", "")) from None
     warnings = session.warnings
     try:
         summary = session.run()

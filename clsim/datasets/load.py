@@ -38,6 +38,10 @@ class Sequence:
 
         path = Path(path)
         path = path / "events.h5" if path.is_dir() else path
+        if path.with_name("sequence.dsec").is_dir() and not path.exists():
+            raise InputError(
+                f"{path.parent}: is in the layout dsec, which loaders of DSEC read; expected the layout h5"
+            )
         try:
             self._file = h5py.File(path, "r")
             self._events = self._file["events"]

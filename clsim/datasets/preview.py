@@ -58,7 +58,7 @@ class Preview:
         return (
             f"{self.samples} samples are on {self.sheet}; {self.rejected} attempts were not kept",
             f"all sequences will take about {self.cpu_hours:.2g} CPU hours, {self.hours:.2g} hours on this machine, "
-            f"and {self.gigabytes:.2g} GB",
+            f"and {self.gigabytes:.2g} GB; kernels that are new are compiled first",
         )
 
 

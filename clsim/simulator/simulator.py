@@ -126,9 +126,13 @@ class Simulator(Driver):
         return self._camera_pipeline.frame()
 
     def truth(self, *names: str) -> dict[str, npt.NDArray[np.float32]]:
-        """Return what is known of the last frame's pixels; `clsim.truth.cut.cut` tells shapes and units.
+        """Return what is known of the last frame's pixels, float32, by name.
 
-        Backward flow leads to the frame before; flow leads 1/fps on, as far as motions are known now.
+        ``intensity``, ``depth`` and ``distance`` [m] are ``[H, W]``; ``normal`` and ``albedo`` ``[H, W, 3]``; ``flow``
+        and ``backward-flow`` ``[H, W, 4]``: x and y [px], valid, covisible. ``ids`` gives ``object`` and ``material``
+        ``[H, W]``, where k stands for the k-th name of a recording's table, and 0 for nothing. Backward flow leads to
+        the frame before, which is 1/fps ago, however long a step is; flow leads 1/fps on, as far as motions are known
+        now.
 
         Args:
             names: planes that ``truth`` was given, or intensity; none means all of them.

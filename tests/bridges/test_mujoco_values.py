@@ -241,6 +241,8 @@ def test_a_meshs_own_coordinates_show_its_picture_from_the_top(tmp_path: Path) -
 
 def test_frames_come_as_often_as_the_scene_was_told() -> None:
     assert MujocoScene(*load(MOVING), resolution=(8, 6), fps=250.0).world.fps == 250.0
+    camera = MujocoScene(*load(MOVING)).world.camera
+    assert (camera.width, camera.height) == (346, 260)
 
 
 def test_where_time_stands_still_it_does_not_begin_again() -> None:

@@ -129,7 +129,7 @@ def test_a_specification_that_was_wrong_does_not_take_its_folder(tmp_path, spec,
 
 def test_a_scene_that_cannot_be_is_told_without_the_hidden_folder(tmp_path):
     (tmp_path / "a.toml").write_text("count = 1\n")
-    with pytest.raises(InputError, match=r"^scene\.toml: camera: is missing"):
+    with pytest.raises(InputError, match=r"^the scene that is drawn: camera: is missing"):
         run_job(load_spec(str(tmp_path / "a.toml")), 0, str(tmp_path / "set"), None)
     assert not any((tmp_path / "set" / "sequences").iterdir())
 

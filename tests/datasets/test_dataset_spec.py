@@ -53,6 +53,13 @@ def test_a_bases_camera_gives_way_to_a_place_that_is_drawn(tmp_path):
     assert "fov_deg = 50.0" in text
 
 
+def test_a_table_that_the_base_lacks_is_added(tmp_path):
+    (tmp_path / "bare.toml").write_text("fps = 60\n")
+    more = {"environment": {"radiance": [0.5, 0.5, 0.5]}}
+    (tmp_path / "a.toml").write_text(scene_text({"base": str(tmp_path / "bare.toml"), **more}))
+    assert read_toml(tmp_path / "a.toml") == {"fps": 60, **more}
+
+
 def test_objects_that_are_drawn_join_those_of_the_base(tmp_path):
     more = {"name": "more", "shape": "box", "size": [0.1, 0.1, 0.1]}
     path = tmp_path / "a.toml"
@@ -125,7 +132,9 @@ def test_files_lie_beside_the_specification(tmp_path, text):
     ("text", "sentence"),
     [
         ("count = 0", "count must be a whole number"),
-        ("cuont = 3", "no key 'cuont'"),
+        ("cuont = 3", "no key 'cuont'; did you mean 'count'"),
+        ("[run]\nduratoin_s = 1", "run.duratoin_s is no option of sequences; did you mean 'duration_s'"),
+        ("[scene]\nfps = { unifrm = [1, 2] }", "scene.fps: there is no distribution 'unifrm'; did you mean 'uniform'"),
         ("[run]\nscene = 'x'", "run.scene is no option of sequences"),
         ("[run]\nsppp = 3", "run.sppp"),
         ("split = { a = 0.5 }", "add up to 1"),
