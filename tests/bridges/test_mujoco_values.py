@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import clsim
+from clsim.errors import InputError
 from clsim.scene import Material, World, load_world
 from clsim.scene.pictures.images import decode_srgb
 from tests.scene.gltf.gltf_files import gltf, write_gltf
@@ -243,6 +244,12 @@ def test_frames_come_as_often_as_the_scene_was_told() -> None:
     assert MujocoScene(*load(MOVING), resolution=(8, 6), fps=250.0).world.fps == 250.0
     camera = MujocoScene(*load(MOVING)).world.camera
     assert (camera.width, camera.height) == (346, 260)
+
+
+def test_a_model_and_its_data_in_the_wrong_order_are_told() -> None:
+    model, data = load(MOVING)
+    with pytest.raises(InputError, match="`model` must be an MjModel, got MjData"):
+        MujocoScene(data, model)
 
 
 def test_where_time_stands_still_it_does_not_begin_again() -> None:

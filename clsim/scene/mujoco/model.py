@@ -44,13 +44,16 @@ class ShownModel:
             resolution: width and height [pixels].
 
         Raises:
-            InputError: there is no such camera.
+            InputError: there is no such camera, or one of the first two is something else.
             clsim.Error: MuJoCo is not installed.
         """
         try:
             import mujoco
         except ImportError:
             raise Error("MuJoCo is not installed; pip install 'clsim[mujoco]'") from None
+        for name, value, kind in (("model", model, mujoco.MjModel), ("data", data, mujoco.MjData)):
+            if not isinstance(value, kind):
+                raise InputError(f"`{name}` must be an {kind.__name__}, got {type(value).__name__}")
         mujoco.mj_forward(model, data)
         self._model, self._data, self._resolution = model, data, resolution
         self._camera = _camera_number(model, camera)
