@@ -26,7 +26,8 @@ class MujocoScene:
     """A model and its data as a world, +y up: x, y, z here are x, z, −y there.
 
     Each body that can move is an object under its own name, or ``body3`` where it has none (a slash in a name becomes a
-    colon), and is made of its geoms. Flexible bodies, skins, tendons, and the skybox are left out, as the world's ``warnings`` say.
+    colon), and is made of its geoms. Flexible bodies, skins, tendons, and the skybox are left out, as the ``warnings``
+    of the world say.
 
     Attributes:
         world: the world, with everything where it is in ``data`` now.
