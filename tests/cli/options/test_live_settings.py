@@ -157,7 +157,7 @@ def test_a_long_start_is_explained_once_without_a_terminal(
     console = Console(file=io.StringIO(), width=500)
     with console.capture() as capture:
         status.wait_to_the_end(session, console)
-    assert capture.get().count("compiling kernels") == told
+    assert capture.get().count("kernels are compiled") == told
 
 
 def test_a_repeated_run_without_outputs_says_that_nothing_is_written(
