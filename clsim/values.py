@@ -6,7 +6,7 @@ import math
 import os
 import sys
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -41,6 +41,13 @@ def read_text(path: Path, most_bytes: int, expected: str, name: str | None = Non
         raise InputError(f"{name}: is not UTF-8 text (byte {error.start})") from None
 
 
+def hint(name: str, known: Iterable[str]) -> str:
+    """Return what to write instead of a name that is not known: the one that it looks like, or any."""
+    known = list(known)
+    close = get_close_matches(name, known, 1)
+    return f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(known)}"
+
+
 def from_plain(kind: type[Options], plain: Mapping[str, Any]) -> Options:
     """Return the dataclass ``kind`` with the values of ``plain``; what is not in it keeps its default.
 
@@ -50,9 +57,7 @@ def from_plain(kind: type[Options], plain: Mapping[str, Any]) -> Options:
     known = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
     for key in plain:
         if key not in known:
-            close = get_close_matches(str(key), known, 1)
-            hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(known)}"
-            raise InputError(f"there is no option {_shown(key)}; {hint}")
+            raise InputError(f"there is no option {_shown(key)}; {hint(str(key), known)}")
     for name, field in known.items():
         if name not in plain and field.default is MISSING and field.default_factory is MISSING:
             raise InputError(f"`{name}` is missing")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +15,7 @@ from clsim.datasets.scene_file import whole_paths
 from clsim.datasets.toml import read_toml
 from clsim.errors import InputError
 from clsim.live.options import LiveOptions
-from clsim.values import from_plain, read_fields
+from clsim.values import from_plain, hint, read_fields
 from clsim.version import VERSION
 
 Layout = Literal["h5", "dsec"]
@@ -136,7 +135,7 @@ def _spec(path: Path, told: dict[str, Any], count: int | None, folder: Path) -> 
     known = ("description", "count", "split", "seeds", "run", "scene", "write", "reject")
     for key in told:
         if key not in known:
-            raise InputError(f"there is no key {key!r}; {_hint(key, known)}")
+            raise InputError(f"there is no key {key!r}; {hint(key, known)}")
     for key in ("split", "seeds", "run", "scene", "write", "reject"):
         if not isinstance(told.get(key, {}), Mapping):
             raise InputError(f"{key} must be a table")
@@ -147,7 +146,7 @@ def _spec(path: Path, told: dict[str, Any], count: int | None, folder: Path) -> 
     allowed = sorted({each.name for each in fields(LiveOptions)} - set(_NOT_OF_RUNS))
     for key in run:
         if key not in allowed:
-            raise InputError(f"run.{key} is no option of sequences; {_hint(key, allowed)}")
+            raise InputError(f"run.{key} is no option of sequences; {hint(key, allowed)}")
     write = from_plain(_Write, told.get("write", {}))
     spec = Spec(
         path.stem, count, _parts(told.get("split", {})), from_plain(Seeds, told.get("seeds", {})), run, scene,
@@ -155,11 +154,6 @@ def _spec(path: Path, told: dict[str, Any], count: int | None, folder: Path) -> 
     )  # fmt: skip
     _check_reject(spec)
     return spec
-
-
-def _hint(key: str, known: Sequence[str]) -> str:
-    close = get_close_matches(key, known, 1)
-    return f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(known)}"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +16,7 @@ from clsim.scene.toml.schema import OBJECTS, ObjectTable, SceneTable
 from clsim.scene.toml.schema_base import Table
 from clsim.scene.toml.schema_light import MODULATIONS
 from clsim.scene.wording import plainly
+from clsim.values import hint
 
 _COUNTS = {2: "two", 3: "three", 4: "four"}
 _ROUGH = ("conductor", "dielectric", "plastic", "principled", "disney")
@@ -244,9 +244,7 @@ def _sentence(error: ErrorDetails) -> str:
         key, known = str(error["loc"][-1]), _known_keys(error["loc"])
         if key in RENAMED and set(known).issuperset(RENAMED[key][0]):
             return f"is no longer a key: {RENAMED[key][1]}"
-        close = difflib.get_close_matches(key, known, 1)
-        hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(sorted(known))}"
-        return f"unknown key, {hint}"
+        return f"unknown key, {hint(key, sorted(known))}"
     if kind in ("union_tag_not_found", "union_tag_invalid") and "modulation" in error["loc"]:
         return f"expected a kind out of {', '.join(map(repr, MODULATIONS))}, got {_short(got)}"
     if kind in ("union_tag_not_found", "union_tag_invalid"):
