@@ -18,7 +18,7 @@ def run(tmp_path: Path, own: tuple[str, ...], *arguments: str) -> tuple[str, lis
     about |= {name: str(tmp_path / name) for name in own}
     ended = subprocess.run([sys.executable, "-m", "clsim", *arguments], env=about, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
-    return ended.stdout, [line for line in ended.stderr.splitlines() if "starting (compiling" not in line]
+    return ended.stdout, [line for line in ended.stderr.splitlines() if "starting (new kernels" not in line]
 
 
 @pytest.mark.parametrize("own", [(), ("WARP_CACHE_PATH", "POCL_CACHE_DIR")])
