@@ -13,7 +13,7 @@ from rich.console import Console
 from clsim.cli.output import status
 from clsim.cli.output.status import status_line
 from clsim.cli.output.summary import print_losses, print_summary
-from clsim.cli.output.words import count_text, dropped_text, events_text, percent_text, size_text
+from clsim.cli.output.words import count_text, dropped_text, events_text, percent_text, real_time_share, size_text
 from clsim.live.options import LiveOptions
 from clsim.live.quality import QUALITIES
 from clsim.live.session import Session, open_live
@@ -230,3 +230,13 @@ def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeyp
 )
 def test_sizes_of_files_are_in_powers_of_a_thousand(size_bytes: int, text: str) -> None:
     assert size_text(size_bytes) == text
+
+
+@pytest.mark.parametrize(
+    ("simulated_s", "wall_s", "startup_s", "share"),
+    [(2.0, 5.0, 1.0, 0.5), (2.0, 4.0, None, 0.5), (0.0, 4.0, 1.0, None), (2.0, 1.0, 1.0, None), (2.0, 1.0, 1.5, None)],
+)
+def test_pace_is_told_once_there_is_any(
+    simulated_s: float, wall_s: float, startup_s: float | None, share: float | None
+) -> None:
+    assert real_time_share({"simulated_s": simulated_s, "wall_s": wall_s, "startup_s": startup_s}) == share

@@ -4,7 +4,26 @@ import pytest
 
 from clsim.bench.tradeoff.settings import ESIM, Point, Rendering
 from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
-from clsim.cli.plots.tradeoff_plot import plot_tradeoff
+from clsim.cli.plots.tradeoff_plot import _short, plot_tradeoff
+
+PLAIN = {"spp": 8, "probe_spp": None, "probe_every": 1, "sampler": "pcg", "first_hit_rays": 0, "gate": None}
+PLAIN |= {"method": "esim", "window": None, "history": None, "stride": None, "arithmetic": "float32"}
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({}, ["8", "spp"]),
+        ({"probe_spp": 1, "probe_every": 4}, ["1–8", "spp", "each", "4"]),
+        ({"sampler": "sobol"}, ["8", "spp", "sobol"]),
+        ({"first_hit_rays": 32}, ["8", "spp", "+", "32", "rays"]),
+        ({"window": 5, "history": 2, "stride": 3, "arithmetic": "float64"}, ["8", "spp", "K5", "T2", "/3", "f64"]),
+        ({"window": 7, "method": "irradiance", "history": 1, "stride": 1}, ["8", "spp"]),
+    ],
+)
+def test_a_point_is_labelled_by_what_is_not_usual(changed, words):
+    found = _short(PLAIN | changed).split()
+    assert [word for word in found if word not in ("ESIM", "irradiance")] == words
 
 
 @pytest.mark.slow
