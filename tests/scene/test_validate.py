@@ -12,6 +12,7 @@ from clsim.scene import (
     Instance,
     Lens,
     Material,
+    PunctualLight,
     Sensor,
     SphereLight,
     Static,
@@ -46,6 +47,11 @@ def with_texture(texture):
     return replace(GOOD, textures=(*GOOD.textures, texture))
 
 
+def with_spot(**changes):
+    """Return the good world with a spot."""
+    return replace(GOOD, punctual_lights=(replace(PunctualLight("spot", (1.0, 1.0, 1.0), IDENTITY), **changes),))
+
+
 PIXELS = np.zeros((2, 3, 4), np.uint8)
 LAST = f"texture {len(GOOD.textures)}"
 
@@ -57,6 +63,10 @@ def test_a_good_world_passes():
 @pytest.mark.parametrize(
     ("world", "parts"),
     [
+        (with_spot(picture_size=(0.0, 1.0)), ["spot light 0", "picture_size is (0.0, 1.0)"]),
+        (with_spot(picture_size=(1.0, np.inf)), ["spot light 0", "picture_size is (1.0, inf)"]),
+        (with_spot(picture=99), ["spot light 0", "picture is 99"]),
+        (with_spot(intensity=(1.0, -1.0, 1.0)), ["spot light 0", "intensity is (1.0, -1.0, 1.0)"]),
         (with_camera(lens=Lens(principal_point=(np.nan, 0.0))), ["camera", "principal_point is (nan, 0.0)"]),
         (with_mesh(vertices=BAD_VERTICES), ["mesh floor", "vertices[1]", "(1, nan, 0)"]),
         (with_mesh(vertices=np.full((4, 3), np.inf, np.float32)), ["mesh floor", "vertices[0]", "inf"]),

@@ -53,6 +53,21 @@ def test_pictures_of_layers_count_by_the_mean_of_their_own_channels(tmp_path: Pa
     assert [above * channel for channel in found.specular_color] == pytest.approx(seen)
 
 
+@pytest.mark.parametrize("metallic", [0.0, 0.4, 1.0])
+def test_a_film_colours_what_is_metal_of_a_surface(tmp_path: Path, metallic: float) -> None:
+    base = (0.9, 0.6, 0.3)
+    film = {"iridescenceFactor": 0.7, "iridescenceIor": 1.6, "iridescenceThicknessMaximum": 250.0}
+    rough = {"baseColorFactor": [*base, 1.0], "metallicFactor": metallic, "roughnessFactor": 0.3}
+    tree = gltf(materials=[{"pbrMetallicRoughness": rough, "extensions": {"KHR_materials_iridescence": film}}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    (found, *_) = load_gltf(write_gltf(tmp_path, tree)).materials
+    filmed = reflected_by_film(base, 0.7, 1.6, 250.0)
+    assert max(abs(a - b) for a, b in zip(filmed, base, strict=True)) > 0.02
+    assert found.color == pytest.approx(
+        tuple((1 - metallic) * a + metallic * b for a, b in zip(base, filmed, strict=True))
+    )
+
+
 def test_a_file_has_them_with_a_warning(tmp_path: Path) -> None:
     film = {"iridescenceFactor": 1.0, "iridescenceIor": 2.0, "iridescenceThicknessMaximum": 550.0 / 8.0}
     layers = {"KHR_materials_iridescence": film, "KHR_materials_anisotropy": {"anisotropyStrength": 1.0}}
