@@ -84,6 +84,17 @@ def test_a_whole_video_is_whole_and_a_cut_one_is_told(tmp_path: Path, name: str)
         read(Video(tmp_path / f"cut_{name}", Reading(transfer="srgb")))
 
 
+def test_a_gif_ends_with_its_mark_and_not_with_one_in_a_comment(tmp_path: Path) -> None:
+    data = film(tmp_path / "a.gif", **FILMS["a.gif"]).read_bytes()
+    assert data[-1:] == b";"
+    comment = b"!\xfe\x14;;;;" + b"x" * 16 + b"\0"
+    (tmp_path / "whole.gif").write_bytes(data[:-1] + comment + b";\0\0")
+    assert len(read(Video(tmp_path / "whole.gif", Reading(transfer="srgb")))) == COUNT
+    (tmp_path / "cut.gif").write_bytes(data[:-1] + comment)
+    with pytest.raises(InputError, match="without its end mark"):
+        read(Video(tmp_path / "cut.gif", Reading(transfer="srgb")))
+
+
 @pytest.mark.parametrize("name", ["parts.mp4", "a.ts"])
 def test_what_a_container_tells_of_its_end(tmp_path: Path, name: str) -> None:
     """Boxes tell their length, and packets have one; wherever else a file is cut than between them."""

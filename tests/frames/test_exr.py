@@ -155,6 +155,8 @@ def test_pbrt_without_a_camera_has_depth_only_in_camera_space(tmp_path):
     assert source.names == ("R", "G", "B", "Coverage")
     with pytest.raises(InputError, match="fit no perspective camera"):
         ExrSequence(tmp_path / "world.exr", fps=60, planes=("R", "G", "B", "Depth"))
+    with pytest.raises(InputError, match=r"no plane 'Albedo\.R'; its planes are R, G, B, Coverage"):
+        ExrSequence(tmp_path / "world.exr", fps=60, planes=("R", "G", "B", "Albedo.R"))
 
 
 @pytest.mark.parametrize("more", [("P.X", "P.Y", "P.Z"), ("N.X", "N.Y", "N.Z", "dzdx")])

@@ -85,6 +85,8 @@ def test_all_step_together(tmp_path: Path) -> None:
 def test_what_cannot_be_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="`n` must be at least 1, got 0"):
         clsim.batch("two-boxes", 0)
+    with clsim.batch(scene(tmp_path), 1, **OPTIONS) as alone:
+        assert len(alone) == 1
     with clsim.batch(scene(tmp_path), 2, **OPTIONS) as simulators:
         simulators[0].set_pose("box", np.eye(4))
         simulators[0].step(0)
