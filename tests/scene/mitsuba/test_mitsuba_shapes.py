@@ -94,3 +94,35 @@ def test_spheres_have_their_radius_about_their_centre(tmp_path, radius: float) -
     pose = world.instances[0].motion.pose(0.0)
     away = world.meshes[0].vertices @ pose[:3, :3].T + pose[:3, 3] - (1, 2, 3)
     np.testing.assert_allclose(np.linalg.norm(away, axis=1), radius, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "more", "area", "from_uv"),
+    [
+        (
+            "sphere",
+            '<point name="center" x="1" y="2" z="3"/><float name="radius" value="0.5"/>',
+            np.pi,
+            lambda u, v: (
+                (1, 2, 3) + 0.5 * np.array([np.sin(v / 2) * np.cos(u), np.sin(v / 2) * np.sin(u), np.cos(v / 2)])
+            ),
+        ),
+        ("disk", "", np.pi, lambda u, v: u / (2 * np.pi) * np.array([np.cos(v), np.sin(v), 0.0])),
+        (
+            "cylinder",
+            '<point name="p0" z="-1"/><point name="p1" z="2"/><float name="radius" value="0.5"/>',
+            3 * np.pi,
+            None,
+        ),
+    ],
+)
+def test_round_shapes_are_as_large_and_laid_out_as_mitsuba_says(tmp_path, kind, more, area, from_uv):
+    """A sphere's u is its longitude and v its angle from +z, a disk's u the radius and v the angle."""
+    (mesh,) = load(tmp_path, f'<shape type="{kind}">{more}<bsdf type="diffuse"/></shape>').meshes
+    corners = mesh.vertices.astype(float)[mesh.triangles]
+    found = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    assert found == pytest.approx(area, rel=0.01)
+    if from_uv is not None:
+        # Here v counts from a picture's bottom.
+        expected = [from_uv(2 * np.pi * float(u), 2 * np.pi * (1 - float(v))) for u, v in mesh.uvs]
+        np.testing.assert_allclose(mesh.vertices, expected, atol=1e-5)
