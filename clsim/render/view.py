@@ -324,7 +324,7 @@ class View:
         from clsim.render.cache.path_store import PathStore
 
         kernel = build_kernel(options.features(self._data.features, camera, replay=True), self._data.tree)
-        stored = options.lamp_paths if len(self._data.lamp_poses()) else options.stored_paths
+        stored = options.lamp_paths if self._data.features.lamps_move else options.stored_paths
         return PathStore(kernel, self._data, self._settings, stored, options.follow_every, options.threads)
 
     def _shine(self, time_s: float) -> dict[str, Any]:

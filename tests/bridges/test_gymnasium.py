@@ -134,7 +134,7 @@ def test_what_is_observed_is_what_fired(tmp_path: Path) -> None:
 
 def test_what_cannot_be_is_told(tmp_path: Path) -> None:
     with simulator(tmp_path) as run:
-        for options in ({"bins": 0}, {"limit": 0.0}):
+        for options in ({"bins": 0}, {"limit": 0.0}, {"limit": -1.0}):
             with pytest.raises(InputError, match="`bins` must be at least 1 and `limit` positive"):
                 wrapped(run, **options)
         with pytest.raises(InputError, match="`form` must be one of voxels, histogram, got 'image'"):

@@ -89,6 +89,12 @@ def test_any_slice_of_time_has_its_events(folder):
             sequence.truth("depth", 5)
 
 
+def test_a_sequence_in_another_layout_is_told(tmp_path):
+    (tmp_path / "sequence.dsec").mkdir()
+    with pytest.raises(InputError, match="is in the layout dsec, which loaders of DSEC read; expected the layout h5"):
+        Sequence(tmp_path)
+
+
 def test_times_of_a_file_may_begin_later(folder):
     """As in DSEC: ``t`` counts from ``t_offset``."""
     path, events = sequence_folder(folder, 0) / "events.h5", make_events(0)

@@ -102,6 +102,7 @@ class DsecLayout(Layout):
 
     def close(self) -> None:
         """Complete the files."""
+        self._sink.close()
         if self._newest is not None:
             name, to_us, line = self._newest
             if to_us <= self._end_us:
@@ -109,7 +110,6 @@ class DsecLayout(Layout):
             else:
                 for folder in ("forward", "forward_covisible"):
                     (self._path / "flow" / folder / name).unlink(missing_ok=True)
-        self._sink.close()
         for text in self._texts.values():
             text.close()
 

@@ -20,6 +20,7 @@ from clsim.scene.rigid import quaternion_of
 from clsim.scene.trajectories.paths import ENDINGS, read_path
 from clsim.scene.trajectories.wandering import Shake, Wander
 from tests.scene.gltf.gltf_files import gltf, with_camera, write_gltf
+from tests.scene.odd_zips import repack
 
 TIMES_S = np.array([0.5, 0.75, 1.5])
 QUATERNIONS = np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.6, 0.0, 0.8], [0.36, 0.48, 0.64, 0.48]])
@@ -102,6 +103,14 @@ def test_what_is_no_path_is_told(tmp_path: Path, name: str, text: str, message: 
 def test_arrays_that_are_no_path_are_told(tmp_path: Path, arrays: dict[str, np.ndarray], message: str) -> None:
     np.savez(tmp_path / "a.npz", **arrays)
     with pytest.raises(InputError, match=message):
+        read_path(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(("method", "flags"), [(99, 0), (0, 1)], ids=["a method unknown", "a password"])
+def test_an_npz_that_python_cannot_unpack_is_told(tmp_path: Path, method: int, flags: int) -> None:
+    np.savez(tmp_path / "a.npz", time_s=TIMES_S, poses=POSES)
+    repack(tmp_path / "a.npz", method, flags)
+    with pytest.raises(InputError, match=r"a\.npz: is no npz of arrays \("):
         read_path(tmp_path / "a.npz")
 
 

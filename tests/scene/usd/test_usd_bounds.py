@@ -7,6 +7,8 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import load_world
+from clsim.scene.usd.stage import _packed
+from tests.scene.odd_zips import repack
 from tests.scene.usd.usd_files import METRES, mesh, usda
 
 
@@ -38,6 +40,17 @@ def test_text_that_is_nested_too_deep_is_refused(tmp_path, deep, packed):
             package.writestr("scene.usda", "#usda 1.0\n" + deep)
     with pytest.raises(InputError, match="or it is nested too deep"):
         load_world(path)
+
+
+@pytest.mark.parametrize(("method", "flags"), [(99, 0), (0, 1)], ids=["a method unknown", "a password"])
+def test_a_picture_in_a_package_that_python_cannot_unpack_is_told(tmp_path, method, flags):
+    path = tmp_path / "a.usdz"
+    with zipfile.ZipFile(path, "w") as package:
+        package.writestr("a.png", b"pixels")
+    assert _packed(path, "a.png") == b"pixels"
+    repack(path, method, flags)
+    with pytest.raises(InputError, match=r"a\.usdz: a\.png cannot be read \("):
+        _packed(path, "a.png")
 
 
 def test_an_embedded_python_opens_files_without_a_trial(tmp_path, monkeypatch):
