@@ -20,7 +20,8 @@ def _compile_fast(config: Any) -> None:
 
 
 def _share(scene_features: Any) -> None:
-    if "pytest" in sys.modules:  # a worker of pytest's, whose tests choose for themselves
+    # A worker of pytest's has tests that choose for themselves; a process that a test starts may import pytest, too.
+    if "pytest" in sys.modules and "--multiprocessing-fork" not in sys.orig_argv:
         return
     from tests.shared_kernels import ORDINARY, widened
 

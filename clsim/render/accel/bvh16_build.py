@@ -22,7 +22,10 @@ from clsim.render.accel.bvh16_traverse import (
     MAX_DEPTH,
     NODE_FLOATS,
 )
+from clsim.render.device.compiler import kernel_options
 from clsim.render.native import native_code
+
+wp.set_module_options(kernel_options())
 
 FARTHEST = 1.0e12
 """Vertices farther from the origin belong to no triangle: the cubes of their coordinates must be finite."""
@@ -95,7 +98,7 @@ def _fit(
 ) -> None: ...
 
 
-@wp.kernel(module="clsim_bvh16_build", enable_backward=False)
+@wp.kernel(enable_backward=False)
 def grow(
     vertices: wp.array[wp.vec3],
     indices: wp.array[int],
@@ -111,13 +114,13 @@ def grow(
     _grow(vertices, indices, scratch, out_nodes_of_two, out_parents, out_counts)
 
 
-@wp.kernel(module="clsim_bvh16_build", enable_backward=False)
+@wp.kernel(enable_backward=False)
 def reinsert(which: wp.array[int], out_nodes_of_two: wp.array[float], out_parents: wp.array[int]) -> None:
     """Find better places for the nodes ``which``, one after the other."""
     _reinsert(which, out_nodes_of_two, out_parents)
 
 
-@wp.kernel(module="clsim_bvh16_build", enable_backward=False)
+@wp.kernel(enable_backward=False)
 def widen(
     nodes_of_two: wp.array[float],
     count: int,
@@ -133,7 +136,7 @@ def widen(
     _widen(nodes_of_two, count, scratch, out_nodes, out_leaves, out_counts)
 
 
-@wp.kernel(module="clsim_bvh16_build", enable_backward=False)
+@wp.kernel(enable_backward=False)
 def fit(
     vertices: wp.array[wp.vec3],
     indices: wp.array[int],

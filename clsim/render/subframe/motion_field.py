@@ -17,6 +17,8 @@ from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 
+wp.set_module_options(kernel_options())
+
 _ITERATIONS = wp.constant(4)
 _NEAR_PX = wp.constant(0.002)
 """After so small a step of Newton's method the next one would be below 10⁻⁴ pixels."""

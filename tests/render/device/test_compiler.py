@@ -51,6 +51,25 @@ def test_threads_and_processes_share_them(tmp_path: Path) -> None:
     assert len(list(tmp_path.rglob("*.o"))) == 2  # both were built
 
 
+AHEAD = """
+from pathlib import Path
+from warp._src import context
+from clsim.render import precompile_headers
+from clsim.render.device.devices import start_warp
+
+start_warp()
+precompile_headers("cpu")
+print(*Path(context.runtime.get_clang_pch_dir()).glob("*.pch"))
+"""
+
+
+@pytest.mark.slow
+def test_what_compiles_while_they_are_precompiled_waits_for_them(tmp_path: Path) -> None:
+    about = os.environ | {"WARP_CACHE_PATH": str(tmp_path)}
+    told = subprocess.run([sys.executable, "-c", AHEAD], env=about, check=True, capture_output=True, text=True).stdout
+    assert len(told.split()) == 1
+
+
 def test_no_two_threads_declare_kernels_at_a_time():
     """What Warp notes of a kernel while it is declared would be of both."""
     inside, most, made = [], [], []
@@ -119,6 +138,7 @@ def test_kernels_are_whole(time: str, tmp_path: Path) -> None:
     subprocess.run(command, check=True, env=about, capture_output=True)
     kernels = [each.read_bytes() for name in ("render", "retrace") for each in tmp_path.rglob(f"*__{name}_*.o")]
     assert len(kernels) == (1 if time == "fixed" else 2)
+    assert len(list(tmp_path.rglob("*.pch"))) == 1, "headers take seconds: kernels of a run have the same options"
     for kernel in kernels:
         assert re.search(rb"_Z\w*Scene_", kernel), "its symbols tell the types of arguments"
         assert re.findall(rb"_ZL\w*Scene_\w*", kernel) == []

@@ -19,8 +19,7 @@ Range all = {nothing, nothing, 0, 0};
 for (int triangle = 0; triangle < indices.shape[0] / 3; ++triangle) {
     const v4 a = corner(triangle, 0), b = corner(triangle, 1), c = corner(triangle, 2);
     const Box box = {lesser(lesser(a, b), c), greater(greater(a, b), c)};
-    // A comparison with NaN may be lost in a minimum: each corner must be usable.
-    if (!usable(a, a) || !usable(b, b) || !usable(c, c)) continue;
+    if (!usable(a) || !usable(b) || !usable(c)) continue;
     Box& slot = boxes[all.count++];
     slot = box;
     number(slot) = triangle;
