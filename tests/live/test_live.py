@@ -279,7 +279,7 @@ def test_an_output_that_fails_is_told_when_the_stream_has_ended(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_memory_does_not_grow() -> None:
-    """Resident memory grows by less than 2.5 MB in 900 frames once the motion has been seen whole, with all light that is kept."""
+    """Resident memory grows by less than 2.5 MB in 900 frames, once the motion and all light have been seen."""
     script = """
 import sys, clsim
 def resident_kb():

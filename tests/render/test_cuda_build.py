@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("any_lights")
 
 @pytest.fixture(autouse=True)
 def as_for_users(monkeypatch):
-    """Let the compiler do all it can, as for users: what takes half the time for a CPU takes seven times as long here."""
+    """Compile as for users: what takes half the time for a CPU takes seven times as long for a GPU."""
     monkeypatch.setattr(wp.config, "optimization_level", None)
 
 
