@@ -60,7 +60,7 @@ class Detector:
         tolerance_us: float = 100.0,
         way_px: float | None = None,
     ) -> None:
-        """Prepare for frames of ``width`` × ``height`` with the planes ``names``; kernels are built at the first frame.
+        """Take frames of ``width`` × ``height`` with the planes ``names``; kernels come by `prepare` or with the first.
 
         Args:
             config: method, gate and rule, and the nominal thresholds.
@@ -126,6 +126,10 @@ class Detector:
     def tolerance_us(self, tolerance_us: float) -> None:
         if self._refiner is not None:
             self._refiner.tolerance_us = tolerance_us
+
+    def prepare(self) -> None:
+        """Build kernels now, as far as they do not depend on what the first frame shows: while that is rendered."""
+        self.estimator.prepare(self.sensor.references)
 
     def reset(self) -> None:
         """Forget all references, as at the seam of a loop: the next frame initialises again and fires nothing."""

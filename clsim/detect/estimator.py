@@ -27,8 +27,8 @@ class BrightnessEstimator:
     A step is `observe`, then, once a sensor has said which pixels fired, `learn`.
 
     Attributes:
-        stages: the method's kernels and memory; None before the first frame.
-        levels: brightness at both ends of the last step; None before the first frame.
+        stages: the method's kernels and memory; None until `prepare` or the first frame has made them.
+        levels: brightness at both ends of the last step; None as long.
     """
 
     def __init__(self, config: DetectorConfig, grid: Grid, names: tuple[str, ...], device: Device, queue: Any) -> None:
@@ -77,6 +77,11 @@ class BrightnessEstimator:
         """Return how many regressions of tested pixels were solved in a step."""
         return self._method.solved(counts)
 
+    def prepare(self, references: Buffer) -> None:
+        """Build kernels now, unless they depend on what the first frame shows; ``references`` as in `observe`."""
+        if self.stages is None and not self._candidates:
+            self._begin((), references)
+
     def observe(self, frame: Frame, references: Buffer) -> tuple[BrightnessPath, Counts]:
         """Return the brightness from the last frame to this one, and how many pixels of each kind there are.
 
@@ -90,10 +95,8 @@ class BrightnessEstimator:
         self._check(frame)
         config = self._setting.config
         if self.stages is None:
-            self.stages = self._build(first_features(frame, self._candidates))
-            start, end = (self.stages.place.allocate(references.shape, fill=np.nan) for _ in range(2))
-            self.levels = Levels(start, end, config.threshold_on, config.threshold_off)
-        assert self.levels is not None, "levels are made with the first stages"
+            self._begin(first_features(frame, self._candidates), references)
+        assert self.stages is not None and self.levels is not None, "both are made together"
         self._slot = (self._slot + 1) % config.history
         stages = self.stages = self._pack(frame, self.stages)
         self._frames = min(self._frames + 1, config.history)
@@ -158,6 +161,12 @@ class BrightnessEstimator:
             raise InputError(
                 f"frame {frame.index} is at {frame.time_us} µs, expected a time after {self._time_us} µs (last frame)"
             )
+
+    def _begin(self, features: tuple[str, ...], references: Buffer) -> None:
+        config = self._setting.config
+        self.stages = self._build(features)
+        start, end = (self.stages.place.allocate(references.shape, fill=np.nan) for _ in range(2))
+        self.levels = Levels(start, end, config.threshold_on, config.threshold_off)
 
     def _build(self, features: tuple[str, ...]) -> Stages:
         quiet = tuple(name for name in self._candidates if name not in features)

@@ -298,7 +298,7 @@ def detector_maker(
     specimen: Specimen | None = None,
     retracing: Retracing | None = None,
 ) -> DetectorMaker:
-    """Choose the device now, so that a wrong name is told at once; what is returned builds the kernels later.
+    """Choose the device now, so that a wrong name is told at once; what is returned builds the kernels.
 
     ``size`` is the width and height of the frames, ``specimen`` the sensor: None is the ideal one. ``retracing``
     says which pixels are traced between frames, by what the maker is given.
@@ -313,12 +313,14 @@ def detector_maker(
         check_sensor(config, specimen)
 
     def make(tracer: PixelTracer | None = None) -> Any:
+        if config.needs_numpy:
+            return recorded_detector(config, *size, planes, specimen=specimen)
+        between: dict[str, Any] = {}
         if tracer is not None and retracing is not None:
-            return StreamDetector(
-                config, *size, planes, device=device, specimen=specimen,
-                tracer=tracer, tolerance_us=retracing.tolerance_us, way_px=retracing.way_px,
-            )  # fmt: skip
-        return recorded_detector(config, *size, planes, device=device, specimen=specimen)
+            between = {"tracer": tracer, "tolerance_us": retracing.tolerance_us, "way_px": retracing.way_px}
+        detector = StreamDetector(config, *size, planes, device=device, specimen=specimen, **between)
+        detector.prepare()
+        return detector
 
     return make
 
