@@ -200,7 +200,7 @@ def plan_stages(
     Where ``lights_set`` says that lights change from outside, their light does not stand still. What ``driven`` names
     is moved from outside: it may go fast, and the camera need not stand still.
     """
-    from clsim.render import RenderOptions, check_device, lamps_move, precompile_headers
+    from clsim.render import RenderOptions, check_device, lamps_move
 
     if world is None:
         world = alone(load_options_world(options))
@@ -254,8 +254,6 @@ def plan_stages(
             )
         tolerance_us = options.time_tolerance_us or FINE_TOLERANCE_US.get(options.basis, TOLERANCE_US)
         retracing = Retracing(tolerance_us, way_px(options.time), render)
-    # While an OpenCL device is tried, which takes as long where that is new.
-    precompile_headers(options.render_device)
     make_detector = detector_maker(detector, size, planes, options.opencl, specimen, retracing)
     return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing, notes, missed_by)
 

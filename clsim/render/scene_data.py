@@ -16,7 +16,7 @@ from clsim.render.accel.geometry import Tree
 from clsim.render.accel.placement import place
 from clsim.render.accel.smallest import smallest_of
 from clsim.render.accel.upload_geometry import GeometryData, Places
-from clsim.render.device.compiler import compile_together
+from clsim.render.device.compiler import compile_together, precompile_headers
 from clsim.render.device.devices import check_device, fastest_tree
 from clsim.render.emitters.shining import Shining
 from clsim.render.emitters.upload_lights import LightData
@@ -212,6 +212,7 @@ class SceneData:
 
     def _compile(self, options: RenderOptions) -> None:
         """Compile what renders at the same time as what builds trees."""
+        precompile_headers(str(self.device))
         kernels = [build_kernel(options.features(self.features, self.world.camera), self.tree)]
         if self.tree == "bvh16":
             kernels.append(grow)

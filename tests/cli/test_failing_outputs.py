@@ -127,3 +127,22 @@ def test_servers_tell_their_address_without_a_terminal_too(clsim: Callable[..., 
     assert outcome.status == 0
     told = re.search(r"^clsim: events at tcp://127\.0\.0\.1:(\d+)\?compression=none$", outcome.stderr, re.MULTILINE)
     assert told is not None and int(told[1]) > 1023
+
+
+def test_ctrl_c_while_a_run_starts_is_told_and_leaves_a_readable_file(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    from clsim.cli.output.status import run_session
+    from clsim.live.options import LiveOptions
+    from clsim.live.pipeline import Pipeline
+    from clsim.live.session import open_live
+
+    def interrupted(pipeline: Pipeline) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Pipeline, "start", interrupted)
+    out = tmp_path / "events.npz"
+    options = LiveOptions("still", resolution=(16, 12), frame_count=3, outputs=(str(out),))
+    assert run_session(open_live(options), as_json=False) == 130
+    assert "stopped: 0 events" in capfd.readouterr().err
+    assert json.loads(out.with_name("events.npz.json").read_text())["complete"] is False

@@ -39,10 +39,10 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
     """
     console = Console(stderr=True)
     _print_start(console, session)
-    session.start()
     interrupted, all_ended = False, True
     failure: SinkError | None = None
     try:
+        session.start()
         if screen is not None:
             _paint_to_the_end(session, screen)
         elif console.is_terminal:

@@ -2,7 +2,7 @@
 
 Kernels for a CPU include headers that take longer to read than a small kernel takes to compile. Warp precompiles them,
 for each set of options, but also for each thread of each process. Here they are stored next to the kernels in Warp's
-cache. Where they are not there yet, that begins while the run still starts.
+cache. Where they are not there yet, that begins while kernels are still declared.
 """
 
 from __future__ import annotations
@@ -44,7 +44,6 @@ def kernel_options() -> dict[str, Any]:
 
 def compile_together(kernels: Sequence[Any], device: Any) -> None:
     """Compile kernels for a device, or load them if that was done before: two at a time, in the order given."""
-    precompile_headers(str(device))
     modules = [kernel.module for kernel in kernels]
     # A block as launches ask for it; a CPU's has one thread all the same.
     parsing_again(

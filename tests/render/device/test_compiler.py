@@ -54,7 +54,7 @@ def test_threads_and_processes_share_them(tmp_path: Path) -> None:
 AHEAD = """
 from pathlib import Path
 from warp._src import context
-from clsim.render import precompile_headers
+from clsim.render.device.compiler import precompile_headers
 from clsim.render.device.devices import start_warp
 
 start_warp()
