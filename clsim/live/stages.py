@@ -311,13 +311,16 @@ def detector_maker(
         check_sensor(config, specimen)
 
     def make(tracer: PixelTracer | None = None) -> Any:
-        if config.needs_numpy:
-            return recorded_detector(config, *size, planes, specimen=specimen)
-        between: dict[str, Any] = {}
+        detector: Any
         if tracer is not None and retracing is not None:
-            between = {"tracer": tracer, "tolerance_us": retracing.tolerance_us, "way_px": retracing.way_px}
-        detector = StreamDetector(config, *size, planes, device=device, specimen=specimen, **between)
-        detector.prepare()
+            detector = StreamDetector(
+                config, *size, planes, device=device, specimen=specimen,
+                tracer=tracer, tolerance_us=retracing.tolerance_us, way_px=retracing.way_px,
+            )  # fmt: skip
+        else:
+            detector = recorded_detector(config, *size, planes, device=device, specimen=specimen)
+        if isinstance(detector, StreamDetector):
+            detector.prepare()
         return detector
 
     return make

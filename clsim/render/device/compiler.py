@@ -2,7 +2,7 @@
 
 Kernels for a CPU include headers that take longer to read than a small kernel takes to compile. Warp precompiles them,
 for each set of options, but also for each thread of each process. Here they are stored next to the kernels in Warp's
-cache. Where they are not there yet, that begins while kernels are still declared.
+cache. Where they are not there yet, reading begins while kernels are declared.
 """
 
 from __future__ import annotations
