@@ -18,6 +18,7 @@ from clsim.scene.defaults.framing import ENVIRONMENT, ORBIT_S, bounds, lamp, orb
 from clsim.scene.defaults.indoors import stand_inside
 from clsim.scene.files import asset_file
 from clsim.scene.meshes.geometry import joined
+from clsim.scene.meshes.obj_lines import checked_lines, plain_lines
 from clsim.scene.meshes.obj_plain import read_plain_obj, unit_normals
 from clsim.scene.parts import Parts
 from clsim.scene.pictures.images import PixelBudget, decode_srgb, unpack_rgba
@@ -25,6 +26,17 @@ from clsim.scene.world import IDENTITY, ImageTexture, Instance, Material, Mesh, 
 
 MAX_FILE_BYTES = 1 << 30
 F64 = npt.NDArray[np.float64]
+_IMAGE_OPTIONS = re.compile(r"(?:-(?:[ost](?:\s+[-+.\deE]+){1,3}|mm\s+\S+\s+\S+|[a-z]+\s+\S+)\s+)+")
+"""What may stand before the name of an image: ``-s`` and its like with one to three numbers, others with a word."""
+
+_LEFT_OUT = {
+    **dict.fromkeys(("d", "map_d"), ("opacity", 1.0)),
+    **dict.fromkeys(("tr", "map_tr"), ("opacity", 0.0)),
+    **dict.fromkeys(("ks", "map_ks", "pm", "map_pm"), ("gloss", 0.0)),
+    **dict.fromkeys(("bump", "map_bump", "norm", "disp"), ("relief", 0.0)),
+    "map_ke": ("glow by an image", 0.0),
+}
+"""What materials may ask for, by key, and the number that does not ask for it."""
 
 
 def load_bare(path: Path) -> World:
@@ -99,28 +111,35 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
     """Return trimesh's meshes of a file by name."""
     data = _data(path)
     suffix = path.suffix.lower()
-    resolver = _FolderResolver(path.parent)
+    libraries: list[str] = []
     declared: dict[str, int] = {}
     if suffix == ".ply":
         from clsim.scene.meshes.ply import check_ply
 
         declared = check_ply(path, data)
     elif suffix == ".obj":
-        data = _as_utf8(data)
+        data = plain_lines(path, _as_utf8(data))
+        libraries = [name.decode().strip() for name in re.findall(rb"(?m)^\s*mtllib[ \t]+(.+)$", data)]
     else:
         raise InputError(f"{path}: its name ends in {suffix or 'nothing'}, expected .obj or .ply")
+    resolver = _FolderResolver(path.parent, libraries)
     found = {}
     for name, geometry in _read(path, data, suffix, resolver, materials=materials).geometry.items():
         if not hasattr(geometry, "faces"):
             notes.append(f"{path.name}: {name} has points or lines only and is left out")
             continue
+        if np.shape(geometry.vertices)[1:] != (3,):
+            checked_lines(path, data)
+            raise InputError(f"{path}: not all of its vertices have as many numbers, expected three of each")
         if len(geometry.vertices) < declared.get("vertex", 0) or len(geometry.faces) < declared.get("face", 0):
             raise InputError(f"{path}: ends before its {declared['vertex']} vertices and all faces: it is truncated")
         found[str(name)] = geometry
     if not found:
+        if suffix == ".obj":
+            checked_lines(path, data)
         raise InputError(f"{path}: has no triangles, expected a mesh")
     if materials:
-        notes += [f"{path.name}: {sentence}" for sentence in resolver.lacking]
+        notes += [f"{path.name}: {sentence}" for sentence in (*resolver.lacking, *resolver.left_out)]
         if suffix == ".obj" and not resolver.lacking:
             wanted = {
                 name.decode("utf-8", "replace").strip() for name in re.findall(rb"(?m)^\s*usemtl[ \t]+(.+)$", data)
@@ -144,6 +163,8 @@ def _read(path: Path, data: bytes, suffix: str, resolver: _FolderResolver, *, ma
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         if resolver.refused:
             raise InputError(f"{path}: {resolver.refused[0]}") from None
+        if suffix == ".obj":
+            checked_lines(path, data)
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise InputError(f"{path}: cannot be read as {suffix[1:].upper()} ({reason})") from None
     if resolver.refused:
@@ -157,19 +178,26 @@ class _FolderResolver:
     Attributes:
         refused: why a file may not be read.
         lacking: which files are missing or damaged, and what that means.
+        left_out: what of images is not done.
         known: names of the materials that were found.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, libraries: list[str]) -> None:
         self.folder = folder
         self.refused: list[str] = []
         self.lacking: list[str] = []
+        self.left_out: list[str] = []
         self.known: set[str] = set()
+        self._libraries = libraries
 
     def get(self, name: str) -> bytes:
         """Return an image's bytes."""
         from PIL import Image
 
+        options = _IMAGE_OPTIONS.match(name)
+        if options is not None:
+            name = name[options.end() :]
+            self.left_out.append(f"the options of the image {name} are left out ({options[0].strip()})")
         data = self._bytes(name, "image", "its material has no texture")
         try:
             Image.open(io.BytesIO(data))
@@ -178,11 +206,24 @@ class _FolderResolver:
             raise
         return data
 
-    def __getitem__(self, name: str) -> bytes:
-        """Return the bytes of a library of materials."""
-        data = _as_utf8(self._bytes(name, "material library", "its materials are grey"))
-        self.known |= {found.strip().decode() for found in re.findall(rb"(?m)^\s*newmtl[ \t]+(.+)$", data)}
-        return data
+    def __getitem__(self, first: str) -> bytes:
+        """Return all libraries of materials: a file may name several, of which trimesh asks for the first line's."""
+        found = b"\n".join(_as_utf8(self._library(name)) for line in self._libraries for name in self._names(line))
+        self.known |= {name.strip().decode() for name in re.findall(rb"(?m)^\s*newmtl[ \t]+(.+)$", found)}
+        return found
+
+    def _names(self, line: str) -> list[str]:
+        """Return the names in a line, in which spaces part names or belong to one."""
+        several = line.split()
+        if len(several) == 1 or os.path.isfile(self.folder / line):
+            return [line]
+        return several if all(name.lower().endswith(".mtl") for name in several) else [line]
+
+    def _library(self, name: str) -> bytes:
+        try:
+            return self._bytes(name, "material library", "its materials are grey")
+        except OSError:
+            return b""
 
     def _bytes(self, name: str, kind: str, consequence: str) -> bytes:
         try:
@@ -280,6 +321,7 @@ class _Materials:
         self.textures: list[Texture] = []
         self._path, self._notes = path, notes
         self._images: dict[str, int] = {}
+        self._told: set[str] = set()
         self._budget = PixelBudget()
 
     def read(self, name: str, geometry: Any) -> Material:
@@ -296,6 +338,7 @@ class _Materials:
             return Material(color=_vec3(decode_srgb(colors / 255.0).mean(axis=0)))
         source = visual.material
         written = source.kwargs  # trimesh rounds its own copies to 8 bits
+        self._tell(getattr(source, "name", None) or name, written)
         image = getattr(source, "image", None)
         texture = -1 if image is None else self._texture(name, image, str(written.get("map_kd")))
         kd, ke = written.get("kd"), written.get("ke")
@@ -309,12 +352,28 @@ class _Materials:
             emission = np.maximum(np.nan_to_num(np.asarray(ke, np.float64), posinf=0.0), 0.0)
         return Material(color=_vec3(color), texture=texture, emission=_vec3(emission), name=name)
 
+    def _tell(self, name: str, written: dict[str, Any]) -> None:
+        """Tell what the material asks for and does not get, once for all materials."""
+        for key, (feature, nothing) in _LEFT_OUT.items():
+            if feature not in self._told and _asks(written.get(key), nothing):
+                self._told.add(feature)
+                self._notes.append(f"{self._path.name}: the {feature} of materials is left out (the first is {name})")
+
     def _texture(self, name: str, image: Any, file: str) -> int:
         if file not in self._images:
             pixels = unpack_rgba(f"{self._path}: the texture of {name}", image, self._budget)
             self._images[file] = len(self.textures)
             self.textures.append(ImageTexture(pixels))
         return self._images[file]
+
+
+def _asks(value: Any, nothing: float) -> bool:
+    """Tell whether a value of a material is the name of an image, or numbers other than those that mean nothing."""
+    values = value if isinstance(value, list) else [] if value is None else [value]
+    try:
+        return any(float(each) != nothing for each in values)
+    except ValueError:
+        return True
 
 
 def _is_placeholder(source: Any) -> bool:
