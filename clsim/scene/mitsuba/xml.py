@@ -225,7 +225,7 @@ class _Reader:
             elif "type" in attributes:
                 plugin.children.append(self.plugin(child, folder, defaults))
             elif child.tag == "path":
-                self.searched.append(folder / attributes.get("value", ""))
+                self.searched.append((folder / attributes.get("value", "")).absolute())
             else:
                 raise InputError(f"{child.place}: <{child.tag}> is neither a property nor an object with a type")
 
@@ -254,7 +254,7 @@ class _Reader:
         self.includes += 1
         if self.includes > MAX_INCLUDES:
             raise InputError(f"{element.place}: is the {MAX_INCLUDES + 1}th include: do files include each other?")
-        path = file_of(element.place, attributes.get("filename", ""), self.root)
+        path = file_of(element.place, self._found(attributes.get("filename", ""), self.root), self.root)
         included = _parse(path)
         if included.tag == "scene":
             self._fill(plugin, included, folder, defaults)

@@ -49,6 +49,7 @@ class Stage:
             InputError: naming the file, if it is no USD, or takes too much to open.
         """
         self.path, self._warn = path, warn
+        self._lacking: set[str] = set()
         collector = UsdUtils.CoalescingDiagnosticDelegate()
         try:
             layer = check_bounds(path)
@@ -144,8 +145,12 @@ class Stage:
             self._pass_on(each.commentary for each in collector.TakeUncoalescedDiagnostics())
 
     def _pass_on(self, complaints: Iterable[str]) -> None:
-        """Warn of what usd-core complained of."""
+        """Warn of what usd-core complained of, of a missing file once: every prim that refers to it is told."""
         for complaint in dict.fromkeys(complaints):
+            if lacking := re.search(r"Could not open asset @([^@]*)@", complaint):
+                if lacking[1] in self._lacking:
+                    continue
+                self._lacking.add(lacking[1])
             if missing := re.search(r"@([^@]*\.mtlx)@", complaint):
                 self._warn(
                     "materials in .mtlx files are left out, which usd-core does not open: `usdcat --flatten` of a USD "

@@ -213,6 +213,20 @@ def test_files_are_searched_where_path_says(tmp_path):
     assert len(world.meshes[0].triangles) == 1
 
 
+def test_path_also_counts_where_the_scene_is_named_by_a_relative_path_and_for_includes(tmp_path, monkeypatch):
+    (tmp_path / "common").mkdir()
+    (tmp_path / "common" / "a.obj").write_text(TRIANGLE)
+    (tmp_path / "common" / "part.xml").write_text(
+        '<scene version="3.0.0"><shape type="obj"><string name="filename" value="a.obj"/></shape></scene>'
+    )
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "scene.xml").write_text(
+        '<scene version="3.0.0"><path value="../common"/><include filename="part.xml"/></scene>'
+    )
+    monkeypatch.chdir(tmp_path)
+    assert len(load_world("inner/scene.xml").meshes[0].triangles) == 1
+
+
 def test_parameters_of_samplers_need_no_value(tmp_path):
     sampler = '<sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>'
     world = load(tmp_path, f'<integrator type="$which"/>{sampler}<shape type="cube"/>')

@@ -300,6 +300,12 @@ def test_what_is_missing_or_hidden_is_not_there(tmp_path):
     assert any("nowhere.usda" in warning for warning in world.warnings)
 
 
+def test_a_missing_file_is_told_once_however_many_prims_refer_to_it(tmp_path):
+    prims = "".join(f'def "n{k}" (references = @nowhere.usda@) {{ }}\n' for k in range(9))
+    world = load_world(usda(tmp_path, mesh() + prims + 'def "other" (references = @gone.usda@) { }\n'))
+    assert [sum(name in warning for warning in world.warnings) for name in ("nowhere", "gone")] == [1, 1]
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
