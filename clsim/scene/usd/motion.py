@@ -5,7 +5,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,13 @@ import numpy.typing as npt
 from pxr import UsdGeom
 
 from clsim.scene.meshes.geometry import is_similarity
-from clsim.scene.motion import Matrix, Motion, Static, compose, rotation_matrix, slerp
-from clsim.scene.rigid import quaternion_of
+from clsim.scene.motion import Matrix, Motion, Static, compose, rotation_matrix, slerp, slerp_rows
+from clsim.scene.rigid import quaternions_of
 from clsim.scene.usd.stage import Stage
 from clsim.scene.world import F32
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 TOLERANCE = 1e-5
 """By how much a joined pose may differ from that of USD: of its rotation, and of its distance from the origin."""
 MAX_HALVINGS = 8
@@ -113,15 +113,10 @@ def motion_of(stage: Stage, codes: Sequence[float], matrix_at: Callable[[float],
 
     Between two of them USD may turn by angles, about several axes: poses are added until lines and slerp do as well.
     """
-    start = matrix_at(codes[0] if codes else stage.start)
     if not codes:
-        return Static(start)
-    poses: list[tuple[float, Matrix]] = [(codes[0], start)]
-    for before, after in pairwise(codes):
-        _refine(matrix_at, (before, poses[-1][1]), (after, matrix_at(after)), MAX_HALVINGS, poses)
-    times_s = tuple(stage.seconds(code) for code, _ in poses)
-    matrices = np.array([matrix for _, matrix in poses])
-    return PoseTrack(times_s, *_parts(matrices), repeat=repeat)
+        return Static(matrix_at(stage.start))
+    refined, matrices = _refined(matrix_at, codes)
+    return PoseTrack(tuple(stage.seconds(code) for code in refined), *_parts(matrices), repeat=repeat)
 
 
 def are_similar(matrices: Sequence[Matrix]) -> bool:
@@ -129,36 +124,56 @@ def are_similar(matrices: Sequence[Matrix]) -> bool:
     return all(is_similarity(matrix[:3, :3]) for matrix in matrices)
 
 
-def _refine(
-    matrix_at: Callable[[float], Matrix],
-    before: tuple[float, Matrix],
-    after: tuple[float, Matrix],
-    halvings: int,
-    out_poses: list[tuple[float, Matrix]],
-) -> None:
-    """Add the poses after the first to a list, with as many in between as it takes."""
-    joined = PoseTrack((0.0, 1.0), *_parts(np.array([before[1], after[1]])))
-    trues = [matrix_at(before[0] + share * (after[0] - before[0])) for share in _LOOKED_AT]
-    apart = any(_differ(joined.pose(share), true) for share, true in zip(_LOOKED_AT, trues, strict=True))
-    if apart and halvings and len(out_poses) < MAX_POSES:
-        middle = (0.5 * (before[0] + after[0]), trues[0])
-        _refine(matrix_at, before, middle, halvings - 1, out_poses)
-        _refine(matrix_at, middle, after, halvings - 1, out_poses)
-    else:
-        out_poses.append(after)
+def _refined(matrix_at: Callable[[float], Matrix], codes: Sequence[float]) -> tuple[list[float], F64]:
+    """Return time codes with as many in between as it takes, and the matrices at all of them.
+
+    All that may have to be halved is looked at at once: one after the other takes several times as long.
+    """
+    times, matrices = np.array(codes, np.float64), np.array([matrix_at(code) for code in codes])
+    firsts = np.arange(len(times) - 1)
+    for _ in range(MAX_HALVINGS if len(times) > 1 else 0):
+        joined = _parts(matrices)
+        looks = [times[firsts] + share * (times[firsts + 1] - times[firsts]) for share in _LOOKED_AT]
+        trues = [np.array([matrix_at(float(code)) for code in look]) for look in looks]
+        apart = [_differ(_joined(*joined, firsts, share), true) for share, true in zip(_LOOKED_AT, trues, strict=True)]
+        halved = np.logical_or(*apart)
+        halved &= np.cumsum(halved) <= MAX_POSES - len(times)
+        if not halved.any():
+            break
+        times = np.insert(times, firsts[halved] + 1, looks[0][halved])
+        matrices = np.insert(matrices, firsts[halved] + 1, trues[0][halved], axis=0)
+        shifted = firsts[halved] + np.arange(halved.sum())
+        firsts = np.column_stack([shifted, shifted + 1]).ravel()
+    return times.tolist(), matrices
 
 
-def _differ(joined: Matrix, true: Matrix) -> bool:
-    turned = np.abs(joined[:3, :3] - true[:3, :3]).max() > TOLERANCE * np.abs(true[:3, :3]).max()
-    moved = np.abs(joined[:3, 3] - true[:3, 3]).max() > TOLERANCE * max(float(np.abs(true[:3, 3]).max()), 1e-3)
-    return bool(turned or moved)
+def _joined(positions: F64, rotations: F64, scales: F64, firsts: I64, share: float) -> F64:
+    """Return the matrices at a share of the way from some poses to those after them ``[n, 4, 4]``."""
+    turns = slerp_rows(rotations[firsts], rotations[firsts + 1], share)
+    matrices = np.tile(np.eye(4), (len(firsts), 1, 1))
+    x, y, z, w = (turns / np.linalg.norm(turns, axis=1, keepdims=True)).T
+    matrices[:, :3, :3] = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]).transpose(2, 0, 1)  # fmt: skip
+    matrices[:, :3, :3] *= ((1 - share) * scales[firsts] + share * scales[firsts + 1])[:, None, None]
+    matrices[:, :3, 3] = (1 - share) * positions[firsts] + share * positions[firsts + 1]
+    return matrices
+
+
+def _differ(joined: F64, true: F64) -> npt.NDArray[np.bool_]:
+    """Tell which of some matrices are too far from the true ones."""
+    off, size = np.abs(joined - true), np.abs(true)
+    turned = off[:, :3, :3].max(axis=(1, 2)) > TOLERANCE * size[:, :3, :3].max(axis=(1, 2))
+    moved = off[:, :3, 3].max(axis=1) > TOLERANCE * np.maximum(size[:, :3, 3].max(axis=1), 1e-3)
+    return np.asarray(turned | moved)
 
 
 def _parts(matrices: F64) -> tuple[F64, F64, F64]:
     """Return positions, quaternions and scales of similarities ``[n, 4, 4]``."""
     scales = np.cbrt(np.linalg.det(matrices[:, :3, :3]))
-    turns = [quaternion_of(matrix[:3, :3] / scale) for matrix, scale in zip(matrices, scales, strict=True)]
-    return matrices[:, :3, 3], np.array(turns), scales
+    return matrices[:, :3, 3], quaternions_of(matrices[:, :3, :3] / scales[:, None, None]), scales
 
 
 def _between(times_s: tuple[float, ...], time_s: float, repeat: bool) -> tuple[int, int, float]:
