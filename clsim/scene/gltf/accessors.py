@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import codecs
 import json
 import struct
 from collections.abc import Sequence
@@ -72,6 +73,7 @@ class GltfFile:
         self.path = path
         data = read_bytes(path)
         text, self._chunk = _split(path, data)
+        text = text.removeprefix(codecs.BOM_UTF8)
         try:
             self.json = schema.Gltf.model_validate_json(text)
         except ValidationError as error:

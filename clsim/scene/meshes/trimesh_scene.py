@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import re
@@ -243,7 +244,8 @@ class _FolderResolver:
 
 
 def _as_utf8(data: bytes) -> bytes:
-    """Return text as UTF-8; what is none is taken for Latin-1, in which every byte is a letter."""
+    """Return text as UTF-8 without a mark; what is none is taken for Latin-1, in which every byte is a letter."""
+    data = data.removeprefix(codecs.BOM_UTF8)
     try:
         data.decode()
     except UnicodeDecodeError:

@@ -171,6 +171,12 @@ def test_truncated_glb(tmp_path, length):
     assert "truncated" in message or "not a binary glTF" in message
 
 
+def test_a_mark_of_byte_order_before_the_json_is_no_fault(tmp_path):
+    path = tmp_path / "marked.gltf"
+    path.write_text(json.dumps(gltf()), encoding="utf-8-sig")
+    assert len(load_world(path).meshes[0].triangles) == 1
+
+
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"a": NaN}', "[" * 100_000, "\udc80"])
 def test_what_is_no_gltf_json(tmp_path, text):
     path = tmp_path / "a.gltf"

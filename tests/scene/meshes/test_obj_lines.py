@@ -91,3 +91,12 @@ def test_what_materials_ask_for_besides_colour_is_told_once(tmp_path):
     assert parts.warnings == [
         f"a.obj: the {feature} of materials is left out (the first is n)" for feature in ("opacity", "gloss", "relief")
     ]
+
+
+def test_marks_of_byte_order_are_no_part_of_the_first_line(tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 0 0\n", encoding="utf-8-sig")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\n" + LOW + "usemtl m\nf 1 2 3\n", encoding="utf-8-sig")
+    parts = load_parts(tmp_path / "a.obj")
+    assert parts.materials[0].color == (1, 0, 0) and not parts.warnings
+    (tmp_path / "a.obj").write_text(LOW + "f 1 2 3\n", encoding="utf-8-sig")
+    assert _corners(load_triangles(tmp_path / "a.obj")) == [[0, 0, 0, 1, 0, 0, 1, 1, 0]]
