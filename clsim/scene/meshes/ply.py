@@ -1,12 +1,22 @@
-"""A PLY file's header, read before its data: what it declares must fit into the file."""
+"""PLY files before trimesh reads them: what a header declares must fit into its file, and faces must be alike."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from clsim.errors import InputError
 
 MAX_HEADER_BYTES = 1 << 20
+_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 def check_ply(path: Path, data: bytes) -> dict[str, int]:
@@ -35,3 +45,101 @@ def check_ply(path: Path, data: bytes) -> dict[str, int]:
             f"{path}: declares {sum(counts.values())} elements, more than it has room for: it is truncated"
         )
     return counts
+
+
+def even_faces(data: bytes) -> bytes:
+    """Return a file that `check_ply` took, with triangles where its faces have different numbers of corners.
+
+    trimesh takes all faces of a binary file to have as many as the first. Files of another make are left to it.
+    """
+    end = data.find(b"end_header")
+    at = data.find(b"\n", end) + 1
+    lines = [line.split() for line in data[:end].decode("latin-1").splitlines()]
+    order = next((_ORDERS.get(words[1]) for words in lines if words[:1] == ["format"] and len(words) > 1), None)
+    elements = [k for k, words in enumerate(lines) if words[:1] == ["element"]]
+    if order is None or not elements:
+        return data
+    for start, stop in zip(elements, [*elements[1:], len(lines)], strict=True):
+        properties = [words[1:-1] for words in lines[start:stop] if words[:1] == ["property"]]
+        if not all(words and set(words) - {"list"} <= set(_TYPES) for words in properties):
+            return data
+        types = [[np.dtype(order + _TYPES[word]) for word in words if word != "list"] for words in properties]
+        lists = [k for k, each in enumerate(types) if len(each) > 1]
+        count = int(lines[start][2])
+        if lines[start][1] == "face" and len(lists) == 1 and [] not in types:
+            number, corner = types[lists[0]]
+            before, after = (
+                sum(each[0].itemsize for each in part) for part in (types[: lists[0]], types[lists[0] + 1 :])
+            )
+            found = _triangles(data, at, count, _Face(before, number, corner, after)) if number.kind in "iu" else None
+            if found is None:
+                return data
+            lines[start][2] = str(len(found[0]))
+            text = "\n".join(" ".join(words) for words in lines)
+            header_end = data.find(b"\n", end) + 1
+            parts = (
+                text.encode("latin-1"),
+                b"\nend_header\n",
+                data[header_end:at],
+                found[0].tobytes(),
+                data[found[1] :],
+            )
+            return b"".join(parts)
+        if lists or [] in types:
+            return data
+        at += count * sum(each[0].itemsize for each in types)
+    return data
+
+
+class _Face(NamedTuple):
+    """How a face is written: bytes before its list, types of the list's length and numbers, bytes after the list."""
+
+    before: int
+    number: np.dtype[Any]
+    corner: np.dtype[Any]
+    after: int
+
+    def size(self, corners: int) -> int:
+        return self.before + self.number.itemsize + corners * self.corner.itemsize + self.after
+
+
+def _triangles(data: bytes, at: int, count: int, face: _Face) -> tuple[npt.NDArray[np.uint8], int] | None:
+    """Return the bytes of all faces as those of triangles ``[n, bytes]``, and where the faces end.
+
+    None where all have the same number of corners, or the file ends before they do.
+    """
+    if not count or at + face.size(0) > len(data) or _are_alike(data, at, count, face):
+        return None
+    starts, corners = np.empty(count, np.int64), np.empty(count, np.int64)
+    for k in range(count):
+        if at + face.size(0) > len(data):
+            return None
+        starts[k] = at
+        corners[k] = many = int(np.frombuffer(data, face.number, 1, at + face.before)[0])
+        if many < 0:
+            return None
+        at += face.size(many)
+    if at > len(data):
+        return None
+    letters = np.frombuffer(data, np.uint8)
+    three = np.frombuffer(np.array([3], face.number).tobytes(), np.uint8)
+    found = []
+    for many in np.unique(corners[corners >= 3]).tolist():
+        faces = np.lib.stride_tricks.sliding_window_view(letters, face.size(many))[starts[corners == many]]
+        fan = np.column_stack([np.zeros(many - 2, np.int64), np.arange(1, many - 1), np.arange(2, many)])
+        first, last = face.size(0) - face.after, face.size(many) - face.after
+        points = faces[:, first:last].reshape(len(faces), many, -1)[:, fan].reshape(len(faces) * (many - 2), -1)
+        head, tail = (np.repeat(part, many - 2, axis=0) for part in (faces[:, : face.before], faces[:, last:]))
+        found.append(np.concatenate([head, np.broadcast_to(three, (len(points), len(three))), points, tail], axis=1))
+    return (np.concatenate(found), at) if found else None
+
+
+def _are_alike(data: bytes, at: int, count: int, face: _Face) -> bool:
+    """Tell whether all faces have as many corners as the first."""
+    many = int(np.frombuffer(data, face.number, 1, at + face.before)[0])
+    size = face.size(many)
+    if many < 0 or at + count * size > len(data):
+        return False
+    rows = np.frombuffer(data, np.uint8, count * size, at).reshape(count, size)
+    lengths = rows[:, face.before : face.before + face.number.itemsize]
+    return bool((lengths == lengths[0]).all())

@@ -115,8 +115,10 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
     libraries: list[str] = []
     declared: dict[str, int] = {}
     if suffix == ".ply":
-        from clsim.scene.meshes.ply import check_ply
+        from clsim.scene.meshes.ply import check_ply, even_faces
 
+        check_ply(path, data)
+        data = even_faces(data)
         declared = check_ply(path, data)
     elif suffix == ".obj":
         data = plain_lines(path, _as_utf8(data))

@@ -1,6 +1,7 @@
 """glTF files: what they become, and what a hostile one is told."""
 
 import base64
+import json
 import resource
 from pathlib import Path
 
