@@ -22,9 +22,10 @@ from clsim.values import read_text
 
 ENDINGS = (".txt", ".tum", ".csv", ".npz", ".glb", ".gltf", *USD_ENDINGS)
 _UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_TIMES = ("t", "time", "timestamp")
 _PLACE = ("x", "y", "z", "qx", "qy", "qz", "qw")
-_ALIKE = {f"{prefix}{axis}": axis for prefix in ("p", "t", "p_", "t_") for axis in "xyz"} | {
-    f"q_{axis}": f"q{axis}" for axis in "xyzw"
+_ALIKE = {f"{prefix}{axis}": axis for prefix in ("p", "t", "p_", "t_", "p_rs_r_") for axis in "xyz"} | {
+    f"{prefix}{axis}": f"q{axis}" for prefix in ("q_", "q_rs_") for axis in "xyzw"
 }
 _F64 = npt.NDArray[np.float64]
 
@@ -33,7 +34,8 @@ def read_path(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation
     """Read the poses of a camera, camera to world; time starts at the first of them.
 
     ``.txt`` and ``.tum`` are TUM's format. ``.csv`` has a header that names the columns x, y, z, qx, qy, qz, qw and a
-    time with its unit, such as ``time_s``, ``timestamp_us`` or ``t_ns``; ESIM's, without a header, has t [ns] first.
+    time with its unit, such as ``time_s``, ``timestamp_us`` or ``t_ns``, which may be a comment, as in EuRoC's files;
+    ESIM's, without a header, has t [ns] first.
     ``.npz`` has a time likewise, ``[n]``, and ``poses`` ``[n, 4, 4]``, or ``positions`` ``[n, 3]`` with ``quaternions``
     x, y, z, w ``[n, 4]``. ``.glb``, ``.gltf`` and USD lend their first camera, with its own axes and interpolation.
 
@@ -72,12 +74,15 @@ def on_path(world: World, motion: Motion) -> World:
 
 
 def _read_csv(path: Path) -> list[Timed]:
-    rows = [(number, row) for number, row in enumerate(_rows(path), 1) if row and not row[0].lstrip().startswith("#")]
+    lines = [(number, row) for number, row in enumerate(_rows(path), 1) if row]
+    rows = [(number, row) for number, row in lines if not row[0].lstrip().startswith("#")]
     columns: tuple[str, ...] = ("t", *_PLACE)
     unit_s = 1e-9
     if rows and not _is_number(rows[0][1][0]):
         number, header = rows.pop(0)
         columns, unit_s = _header(f"{path}:{number}", header)
+    elif commented := [found for _, row in lines if row[0].lstrip().startswith("#") if (found := _commented(row))]:
+        columns, unit_s = commented[0]
     poses = []
     for number, row in rows:
         place = f"{path}:{number}"
@@ -97,12 +102,7 @@ def _rows(path: Path) -> list[list[str]]:
 
 def _header(place: str, header: list[str]) -> tuple[tuple[str, ...], float]:
     """Return the columns by our names, and the unit of time [s]."""
-    columns, units = [], []
-    for cell in header:
-        name = cell.strip().lower()
-        unit = _unit_s(name)
-        units += [unit] if unit else []
-        columns.append("t" if unit else _ALIKE.get(name, name))
+    columns, units = _named(header)
     missing = [name for name in ("t", *_PLACE) if columns.count(name) != 1]
     if missing:
         raise InputError(
@@ -112,10 +112,33 @@ def _header(place: str, header: list[str]) -> tuple[tuple[str, ...], float]:
     return tuple(columns), units[0]
 
 
+def _commented(header: list[str]) -> tuple[tuple[str, ...], float] | None:
+    """Return what `_header` does of a comment, in which a time without a unit is ESIM's; None where it names none.
+
+    EuRoC's files have w before x, y and z, and tell it in such a comment alone.
+    """
+    columns, units = _named([header[0].lstrip("# "), *header[1:]])
+    if not units:
+        columns, units = [("t" if name in _TIMES else name) for name in columns], [1e-9]
+    return (tuple(columns), units[0]) if all(columns.count(name) == 1 for name in ("t", *_PLACE)) else None
+
+
+def _named(header: list[str]) -> tuple[list[str], list[float]]:
+    """Return columns by our names, and the units of times among them [s]."""
+    columns, units = [], []
+    for cell in header:
+        name = cell.strip().lower()
+        unit = _unit_s(name)
+        units += [unit] if unit else []
+        bare = name.partition("[")[0].strip()
+        columns.append("t" if unit else _ALIKE.get(bare, bare))
+    return columns, units
+
+
 def _unit_s(name: str) -> float | None:
     """Return the unit of a column of times [s]; None where it is none, or has no unit in its name."""
     stem, _, unit = name.strip().rstrip("]").replace(" [", "_").replace("[", "_").rpartition("_")
-    return _UNITS_S.get(unit) if stem in ("t", "time", "timestamp") else None
+    return _UNITS_S.get(unit) if stem in _TIMES else None
 
 
 def _is_number(text: str) -> bool:

@@ -42,6 +42,14 @@ def write(path: Path) -> Path:
     elif kind == "esim.csv":
         comments = "# timestamp, x, y, z, qx, qy, qz, qw\n  # of a simulator\n"
         path.write_text(comments + lines(ROWS * [1e9, *[1] * 7], ","))
+    elif kind in ("euroc.csv", "states.csv"):
+        t, p, q = ROWS[:, :1] * 1e9, ROWS[:, 1:4], ROWS[:, [7, 4, 5, 6]]
+        names = [f"p_RS_R_{axis} [m]" for axis in "xyz"] + [f"q_RS_{axis} []" for axis in "wxyz"]
+        if kind == "euroc.csv":
+            path.write_text(",".join(["#timestamp [ns]", *names]) + "\n" + lines(np.hstack([t, p, q]), ","))
+        else:
+            names = ["#timestamp", *names, *(f"v_RS_R_{axis} [m s^-1]" for axis in "xyz")]
+            path.write_text("# states\n" + ", ".join(names) + "\n" + lines(np.hstack([t, p, q, p]), ","))
     elif kind == "header.csv":
         swapped = np.roll(ROWS * [1e6, *[1] * 7], 1, axis=1)
         path.write_text("q_w,timestamp [us],p_x,p_y,p_z,q_x,q_y,q_z\n" + lines(swapped, ","))
@@ -52,7 +60,10 @@ def write(path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ["path.txt", "esim.csv", "header.csv", "poses.npz", "places.npz"])
+NAMES = ["path.txt", "esim.csv", "euroc.csv", "states.csv", "header.csv", "poses.npz", "places.npz"]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_every_format_tells_the_same_path(tmp_path: Path, name: str) -> None:
     for axes, turn in (("opencv", HALF_TURN), ("opengl", np.eye(4))):
         motion = read_path(write(tmp_path / name), axes=axes)  # type: ignore[arg-type]
