@@ -268,8 +268,10 @@ def _split(path: Path, data: bytes) -> tuple[bytes, bytes]:
     if len(data) < 20 or data[:4] != b"glTF":
         raise InputError(f"{path}: is not a binary glTF file (it does not start with a glTF header)")
     version, length, text_length, kind = struct.unpack_from("<4xIIII", data)
-    if version != 2 or kind != 0x4E4F534A:
-        raise InputError(f"{path}: is glTF version {version}, expected 2 with its JSON first")
+    if version != 2:
+        raise InputError(f"{path}: is glTF version {version}, expected 2")
+    if kind != 0x4E4F534A:
+        raise InputError(f"{path}: begins with a chunk of the kind {data[16:20]!r}, expected its JSON (b'JSON')")
     if length > len(data) or 20 + text_length > len(data):
         raise InputError(f"{path}: has {len(data)} bytes, expected {max(length, 20 + text_length)}: it is truncated")
     start = 20 + text_length

@@ -172,6 +172,15 @@ def test_truncated_glb(tmp_path, length):
     assert "truncated" in message or "not a binary glTF" in message
 
 
+def test_a_glb_of_another_version_and_one_without_json_are_told_apart(tmp_path):
+    path = tmp_path / "a.glb"
+    whole = glb(gltf(), b"")
+    path.write_bytes(whole[:4] + b"\1" + whole[5:])
+    assert "is glTF version 1, expected 2" in complaint(path)
+    path.write_bytes(whole[:16] + b"BIN\0" + whole[20:])
+    assert "begins with a chunk of the kind b'BIN\\x00', expected its JSON" in complaint(path)
+
+
 def test_a_mark_of_byte_order_before_the_json_is_no_fault(tmp_path):
     path = tmp_path / "marked.gltf"
     path.write_text(json.dumps(gltf()), encoding="utf-8-sig")
