@@ -33,3 +33,9 @@ def test_the_95th_percentile_of_the_brightest_channel_is_shown_as_a_linear_eight
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     assert np.abs(image - 255 * encoded).max() <= 1.5
     assert image[..., 1].max() < 255 and (image[..., 0] == 0).all()
+
+
+def test_what_is_no_light_is_black_and_endless_light_is_white() -> None:
+    picture = np.ones((4, 4, 3), np.float32)
+    picture[0, :, 0] = (np.nan, -np.inf, -2.0, np.inf)
+    assert ToneMap()(picture)[0, :, 0].tolist() == [0, 0, 0, 255]

@@ -9,6 +9,7 @@ import pytest
 from clsim.events import CAUSES
 from clsim.sensor import SensorSettings
 from clsim.sensor.pixel_stages import FrontEnd, Leak, Noise, Refractory, Threshold
+from clsim.sensor.reference.front import follow
 from tests.sensor.benchtop import EVERYTHING, SPLITS, Benchtop, planes
 
 FOLLOWER_HZ = 100.0
@@ -215,24 +216,44 @@ def test_a_step_amid_noise_is_late_by_a_jitter_that_theory_gives():
     assert first_us.std() == pytest.approx(1e6 * sigma * TAU_S / (step - THETA), rel=0.1)
 
 
-def test_noise_has_its_variance_and_forgets_at_its_pace():
-    # Seen in the pixels' state: no event can be told from it.
-    ratio, pixels = 20.0, 4000
-    bench = Benchtop(noisy(ratio), pixels, on=THETA, off=THETA)
-    slot_us = noisy(ratio).noise.slot_us(TAU_S)
+def test_a_flash_amid_noise_fires_when_the_front_end_follows_it():
+    # Three thousand times the light within a ns: the front end moves much within each µs. The noise is next to none.
+    front_end, level = FrontEnd(2.0, 0.3, FOLLOWER_HZ), 8.0
+    bench = Benchtop(SensorSettings(front_end=front_end, noise=Noise(shot=1e-9)), 1, on=THETA, off=THETA)
+    bench.to(0, 0.0)
+    events = bench.to(30_000, level, [[(1, level)]])
+    assert events["on"].all() and len(events) == math.floor(math.log((math.exp(level) + 0.02) / 1.02) / THETA)
+    points = [(0.0, 0.0), (1e-9, level), (2e-4, level), (0.03, level)]
+    times_s, given = zip(*follow(points, dark=0.02, receptor_s=1 / (2 * math.pi * 30), follower_s=TAU_S), strict=True)
+    crossed = math.log(1.02) + THETA * np.arange(1, len(events) + 1)
+    np.testing.assert_allclose(events["t"], 1e6 * np.interp(crossed, given, times_s), rtol=1e-3, atol=1)
+
+
+@pytest.mark.parametrize("lux", [None, 10.0, 300.0])
+def test_noise_has_its_variance_and_forgets_at_its_pace(lux):
+    # Seen in the pixels' state: no event can be told from it. Behind a receptor of 0.3 Hz for each lux, the follower
+    # passes 1 / (1 + tau_follower / tau_receptor) of the dark's variance, which lasts tau_follower + tau_receptor.
+    ratio, pixels, tau_s, sigma = 20.0, 4000, TAU_S, THETA / 20.0
+    settings, level = noisy(ratio), 0.0
+    slot_us = settings.noise.slot_us(TAU_S)
+    if lux is not None:
+        settings = replace(settings, front_end=FrontEnd(2.0, 0.3, FOLLOWER_HZ))
+        receptor_hz, level = 0.3 * (lux + 2.0), math.log(lux / 100)
+        sigma /= math.sqrt(1 + receptor_hz / FOLLOWER_HZ)
+        tau_s += 1 / (2 * math.pi * receptor_hz)
+    bench = Benchtop(settings, pixels, on=THETA, off=THETA)
 
     def noise_at(slot):
-        bench.to(slot * slot_us, 0.0)
+        bench.to(slot * slot_us, level)
         return planes(bench, "S")["NEXT_NOISE"]
 
     noise_at(0)
     first = noise_at(50)
-    sigma = THETA / ratio
     assert first.var() == pytest.approx(sigma**2, rel=4 * math.sqrt(2 / pixels))
     for slots in (1, 2, 4, 20):
         later = noise_at(50 + slots)
         correlation = np.mean(first * later) / sigma**2
-        assert correlation == pytest.approx(math.exp(-slots * slot_us * 1e-6 / TAU_S), abs=4 / math.sqrt(pixels))
+        assert correlation == pytest.approx(math.exp(-slots * slot_us * 1e-6 / tau_s), abs=4 / math.sqrt(pixels))
         assert later.var() == pytest.approx(sigma**2, rel=4 * math.sqrt(2 / pixels))
 
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE
 from clsim.frames import Frame, page_aligned, rendered_planes
 from clsim.scene import Camera, Instance, Static, World
@@ -18,7 +19,7 @@ from clsim.scene.world import SphereLight
 from clsim.truth.cut import cut
 from clsim.truth.formats.dsec import disparity_image
 from clsim.truth.formats.hdf5 import Hdf5Layout
-from clsim.truth.layouts import open_layout
+from clsim.truth.layouts import held_by, open_layout
 from clsim.truth.motions import Motions
 from clsim.truth.record import Layout, Shot
 from clsim.truth.recorder import Plan, TruthRecorder
@@ -42,6 +43,13 @@ def test_intensity_is_the_luminance_of_rec_709() -> None:
     np.testing.assert_allclose(
         cut(seen, ("intensity",))["intensity"], 0.2126 * red + 0.7152 * green + 0.0722 * blue, 1e-5
     )
+
+
+def test_truth_needs_an_output_only_where_both_are_asked_for() -> None:
+    """Without outputs, programs take the truth themselves; without truth, any output will do."""
+    assert held_by((), ("depth",)) == ("depth",) and held_by(("events.raw",), ()) == ()
+    with pytest.raises(InputError, match="`truth` needs an output that can hold it"):
+        held_by(("events.raw",), ("depth",))
 
 
 class Notes(Layout):
