@@ -103,6 +103,15 @@ def test_the_first_in_time_would_not_match_the_closest():
     assert one_to_one(at_one_pixel(10), at_one_pixel(1, 10, 19), SAMPLING, 9).tolist() == [0]
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_pixels_of_unequal_numbers_of_events_do_not_mix(order):
+    """Three events at one pixel, four at another, whichever comes last: each has its partner, by what it is late."""
+    times = ((1, (10, 20, 30)), (3, (11, 21, 31, 41))) if order > 0 else ((1, (11, 21, 31, 41)), (3, (10, 20, 30)))
+    events = batch(*((t, x, 2, True) for x, some in times for t in some))
+    others = batch(*((t + 3, x, 2, True) for x, some in times for t in some))
+    assert one_to_one(events, others, SAMPLING, 25).tolist() == [-3] * 7
+
+
 def test_windows_include_their_ends_and_never_reach_into_another_pixel():
     assert len(one_to_one(at_one_pixel(10), at_one_pixel(15), SAMPLING, 5)) == 1
     assert len(one_to_one(at_one_pixel(10), at_one_pixel(15), SAMPLING, 4)) == 0

@@ -190,6 +190,16 @@ def test_energy_is_never_gained(kind, alpha):
                 assert energy.mean() < 1 + 4 * error + 2e-5, (material, front, theta)
 
 
+@pytest.mark.parametrize("ior", [1.2, 1.5, 2.5])
+def test_a_black_dielectric_returns_the_fresnel_reflection_of_gltf(ior):
+    """Head-on f·cos = F0·D/4, with D = 1/(π·α²) and F0 = min(((n − 1)/(n + 1))²·specular color, 1) of each channel."""
+    specular = (0.5, 2.0, 20.0)
+    black = Lone(Material(kind="principled", color=(0, 0, 0), alpha=0.25, ior=ior, specular_color=specular))
+    value, _ = black.evaluate((0, 0, 1), (0, 0, 1))
+    wanted = np.minimum(((ior - 1) / (ior + 1)) ** 2 * np.array(specular), 1) / (4 * np.pi * 0.25**2)
+    np.testing.assert_allclose(value, wanted, rtol=1e-4)
+
+
 @pytest.mark.parametrize("kind", ["dielectric", "thin-dielectric", "conductor"])
 def test_lossless_mirrors_lose_nothing(kind):
     lone = Lone(Material(kind=kind, color=WHITE))

@@ -13,7 +13,7 @@ from clsim.render.emitters.environment_build import LUMINANCE, guide, steps, tab
 from clsim.scene import EnvironmentMap, Material, SphereLight, Static
 from tests.render import hand_worlds as hw
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled
+pytestmark = pytest.mark.usefixtures("any_lights")
 
 GREY = Material(color=(0.5, 0.5, 0.5))
 WHITE = Material(color=(1.0, 1.0, 1.0))
@@ -94,6 +94,7 @@ def test_radiance_is_the_bilinear_image():
     np.testing.assert_allclose(towards[:, :3], reference(image, directions), rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 def test_column_0_begins_at_minus_z_and_goes_over_plus_x():
     pixels = np.zeros((2, 4, 3), np.float32)
     pixels[:, :, 0] = (1, 2, 3, 4)
@@ -150,6 +151,7 @@ def test_the_mean_is_the_spherical_mean():
     np.testing.assert_allclose(tables.mean, (towards[:, :3] @ LUMINANCE).mean(), rtol=0.02)
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 def test_a_constant_map_is_a_constant_environment():
     """Inside a furnace nothing is seen of a white body; and half of the light may come from either kind."""
     body, view = hw.ball(1.0), hw.camera(hw.look_from((0, 0.5, 4), (0, 0, 0)))
@@ -167,6 +169,7 @@ def test_a_constant_map_is_a_constant_environment():
     assert np.all(np.abs(mean - expected) < 4 * error + 1e-5)
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 @pytest.mark.parametrize("to_world", [np.eye(3), TURN])
 @pytest.mark.parametrize("strategy", ["mis", "light"])
 def test_one_bright_texel_gives_its_irradiance(to_world, strategy):
@@ -188,6 +191,7 @@ def test_one_bright_texel_gives_its_irradiance(to_world, strategy):
     assert np.all(error < 0.02 * expected)
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 def test_every_way_of_finding_the_sky_agrees():
     scene = hw.world(
         hw.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4)),
@@ -208,6 +212,7 @@ def test_every_way_of_finding_the_sky_agrees():
     assert np.all(error <= 1.2 * np.minimum(results["light"][1], results["scatter"][1]))
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 def test_neighbouring_pixels_have_unrelated_errors():
     """White noise: the errors of a row's neighbours, and of the next row, do not correlate."""
     view = hw.camera(hw.look_from((0, 2, 0), (0, 0, 0), up=(0, 0, -1)), 64, 64, fov_deg=0.02)
@@ -219,6 +224,7 @@ def test_neighbouring_pixels_have_unrelated_errors():
         assert abs(z) < 4.5, (shift, z)
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 def test_a_black_map_is_dark():
     dark = EnvironmentMap(np.zeros((4, 8, 3), np.float32), np.eye(3))
     scene = floor(environment_map=dark)
@@ -229,6 +235,7 @@ def test_a_black_map_is_dark():
     assert drawn == len(lights.cumulative) and lights.probability.numpy()[drawn] == 0
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 def test_motion_of_the_camera_does_not_move_the_sky():
     """The map is at infinity: two places, one picture."""
     image = random_map(16, 32)

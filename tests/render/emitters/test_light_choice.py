@@ -9,7 +9,7 @@ from clsim.render.emitters.light_choice import LEAST_SHARE, arriving, fair
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 from tests.render import hand_worlds as hw
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled
+pytestmark = pytest.mark.usefixtures("anything")
 
 GREY = Material(color=(0.5, 0.5, 0.5))
 SUN_W_M2 = 1000.0
@@ -33,7 +33,8 @@ def lamp_in_the_shade(sun):
     )
 
 
-@pytest.mark.parametrize("sun", ["directional", pytest.param("sphere", marks=pytest.mark.slow)])
+@pytest.mark.slow  # kernels of their own are compiled
+@pytest.mark.parametrize("sun", ["directional", "sphere"])
 def test_a_lamp_is_not_starved_by_the_sun(sun):
     """Radiance 0.5/π·10 W/m²; a sample is that over its probability p, or 0: its deviation is the mean's √(1/p − 1)."""
     spp = 256
@@ -65,6 +66,7 @@ def test_of_a_far_light_the_power_arrives_that_the_scene_covers():
     assert arriving(5.0, 2.0) == 1.0
 
 
+@pytest.mark.slow
 def test_lamps_that_are_all_off_are_no_reason_to_crash():
     """Several lights that stand still bring the light tree in, and then none of them is in it."""
     off = tuple(SphereLight(0.5, (0.0, 0.0, 0.0), Static(hw.translation(x, 2.0, 0.0))) for x in (-3.0, 3.0))
