@@ -17,7 +17,9 @@ from clsim.render.sampling.sampling import stream_state
 from clsim.scene import Camera, Material, SphereLight, Static
 from tests.render import hand_worlds as hw
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled
+pytestmark = pytest.mark.usefixtures("any_lights")
+# Those that render compile kernels of their own.
+slow = pytest.mark.slow
 
 SEEDS, PIXELS, POINTS, DIMENSIONS = 4, 32, 64, 4
 
@@ -100,6 +102,7 @@ def lit_world(width=16, height=12):
     )
 
 
+@slow
 def test_pictures_keep_what_holds_for_independent_samples():
     """Neither threads nor tiles nor variances change a bit; frames share their noise unless asked; seeds differ."""
     scene = lit_world()
@@ -112,6 +115,7 @@ def test_pictures_keep_what_holds_for_independent_samples():
     assert (own != one[:3]).mean() > 0.5 and (other != one[:3]).mean() > 0.5
 
 
+@slow
 def test_a_sample_is_the_same_whatever_their_number():
     """Two samples a, b have the mean (a + b) / 2 and its standard error |a − b| / 2: so the first alone gives a."""
     first, both = (hw.render(lit_world(), spp=spp, sampler="sobol") for spp in (1, 2))
@@ -124,6 +128,7 @@ def test_a_sample_is_the_same_whatever_their_number():
     assert np.isnan(first.plane("Variance.G")).all()
 
 
+@slow
 @pytest.mark.parametrize("spp", [6, 16])
 def test_variances_are_honest_and_smaller(spp):
     """Over seeds; 6 samples leave batches of unequal size."""
@@ -149,6 +154,7 @@ def test_variances_are_honest_and_smaller(spp):
     assert abs(means[0] - means[1]) < 4 * np.hypot(*errors)
 
 
+@slow
 def test_an_exposure_is_stratified():
     """16 samples of a moving strip, 4 batches of 4 times each: quieter than independent times."""
 
@@ -176,6 +182,7 @@ def test_an_unknown_sampler_is_named():
     assert replace(RenderOptions(), sampler="sobol").sampler == "sobol"
 
 
+@slow
 @pytest.mark.parametrize("variances", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_features_at_silhouettes_are_those_of_what_is_hit(variances):
     """Samples are averaged over those that hit, batch by batch, however few of a batch do."""

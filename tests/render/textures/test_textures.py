@@ -17,7 +17,9 @@ from clsim.render.textures.textures import make_textures
 from clsim.scene import CheckerTexture, ImageTexture, Material, SphereLight, Static
 from tests.render import hand_worlds as hw
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled
+pytestmark = pytest.mark.usefixtures("anything")
+# Those that render compile kernels of their own.
+slow = pytest.mark.slow
 
 WRAPS = ("repeat", "clamp", "mirror")
 
@@ -149,6 +151,7 @@ def facing(material, *textures, **rest):
     return hw.world(square, materials=(material,), textures=textures, view=view, **rest)
 
 
+@slow
 def test_the_top_row_of_an_image_is_at_the_top():
     image = ImageTexture(picture(4, 4), nearest=True)
     frame = hw.render(facing(Material(color=(1, 0.5, 1), texture=0), image), spp=4, max_depth=1)
@@ -156,6 +159,7 @@ def test_the_top_row_of_an_image_is_at_the_top():
     np.testing.assert_allclose(albedo, linear(image)[..., :3] * (1, 0.5, 1), rtol=1e-5)
 
 
+@slow
 def test_emission_is_textured_and_lights_as_it_shows():
     """The radiance of the picture, and the same light found by both strategies."""
     image = ImageTexture(picture(4, 4), nearest=True)
@@ -171,6 +175,7 @@ def test_emission_is_textured_and_lights_as_it_shows():
     assert np.all(by_light[0] > 20 * by_light[1])
 
 
+@slow
 def test_roughness_and_metal_are_textured():
     """Green is perceptual roughness, blue metal; a mirror where green is 0 shows the sky as it is."""
     image = ImageTexture(np.array([[[0, 0, 255, 255], [0, 255, 0, 255]]], np.uint8), srgb=False, nearest=True)
@@ -180,6 +185,7 @@ def test_roughness_and_metal_are_textured():
     assert np.all(hw.radiance(frame)[0, :, 3] < 0.9)
 
 
+@slow
 @pytest.mark.parametrize("nonlinear", [False, True])
 def test_plastic_of_textured_roughness_is_plastic_of_that_roughness(nonlinear):
     """Three roughnesses in one picture against a picture of each; smooth, between two tables, and the roughest.
@@ -207,6 +213,7 @@ def test_plastic_of_textured_roughness_is_plastic_of_that_roughness(nonlinear):
     assert np.ptp(shown) > 0.05 * max(shown)
 
 
+@slow
 def test_tables_between_two_roughnesses_are_those_of_the_roughness_between():
     """So that sixteen are enough, from smooth to the roughest coat; only grazing light needs more of the smoothest."""
     passing, inner = coats(1.0, 1.5)
@@ -218,6 +225,7 @@ def test_tables_between_two_roughnesses_are_those_of_the_roughness_between():
         assert (inner[step] + inner[step + 1]) / 2 == pytest.approx(expected_inner, abs=0.006)
 
 
+@slow
 def test_checkers_and_images_live_together():
     checker = CheckerTexture((0.9, 0.8, 0.7), (0.1, 0.2, 0.3), scale=2)
     image = ImageTexture(picture(2, 2), nearest=True)
@@ -237,6 +245,7 @@ def shown_normals(frame):
     return np.stack([frame.plane(f"N{c}") for c in "xyz"], axis=-1)
 
 
+@slow
 def test_normal_maps_tilt_to_u_and_v():
     """Red leans to +u, green to +v, in the frame of uv wherever that points."""
     lean = normal_texture((0.6, 0, 0.8), (0, 0.6, 0.8))
@@ -253,6 +262,7 @@ def test_normal_maps_tilt_to_u_and_v():
     np.testing.assert_allclose(normals[:, 0], np.tile(expected[[1, 0, 2]] * (1, -1, 1), (4, 1)), atol=0.01)
 
 
+@slow
 def test_a_bump_is_a_dent_from_behind():
     lean = normal_texture((0.6, 0, 0.8))
     scene = facing(Material(normal_texture=0), lean)
@@ -260,6 +270,7 @@ def test_a_bump_is_a_dent_from_behind():
     np.testing.assert_allclose(shown_normals(hw.render(behind, spp=4))[1, 1], (-0.6, 0, -0.8), atol=0.01)
 
 
+@slow
 @pytest.mark.parametrize("uvs", ["none", "point", "line"])
 def test_degenerate_tangents_leave_the_normal_alone(uvs):
     scene = facing(Material(normal_texture=0), normal_texture((0.6, 0, 0.8)), environment=(1.0, 1.0, 1.0))
@@ -273,6 +284,7 @@ def test_degenerate_tangents_leave_the_normal_alone(uvs):
 GLOSSY = ("conductor", "principled", "plastic")
 
 
+@slow
 @pytest.mark.parametrize("kind", ["diffuse", *GLOSSY, "dielectric"])
 def test_normal_maps_neither_gain_light_nor_leak_it(kind):
     """White surfaces with wild normals in a white sky; and a lamp behind the plane lights nothing in front."""
