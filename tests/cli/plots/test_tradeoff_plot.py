@@ -4,7 +4,7 @@ import pytest
 
 from clsim.bench.tradeoff.settings import ESIM, Point, Rendering
 from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
-from clsim.cli.plots.tradeoff_plot import _short, plot_tradeoff
+from clsim.cli.plots.tradeoff_plot import _legend, _mark, _short, plot_tradeoff
 
 PLAIN = {"spp": 8, "probe_spp": None, "probe_every": 1, "sampler": "pcg", "first_hit_rays": 0, "gate": None}
 PLAIN |= {"method": "esim", "window": None, "history": None, "stride": None, "arithmetic": "float32"}
@@ -44,3 +44,22 @@ def test_equivalent_mismatch_stands_beside_what_cameras_have(tmp_path, monkeypat
     ]
     bottom, top = panel.get_ylim()
     assert bottom > 0.4 > 0.01 > top, "less mismatch is up"
+
+
+def test_points_look_as_the_legend_says():
+    """Colour and filling tell the noise, or adaptive sampling; the shape tells the method."""
+    lines, figures = pytest.importorskip("matplotlib.lines"), pytest.importorskip("matplotlib.figure")
+    panel = figures.Figure().subplots()
+    ways = {"common random numbers": ("common", "uniform"), "independent random numbers": ("independent", "uniform")}
+    ways |= {"adaptive sampling": ("common", "adaptive")}
+    told = {"event_rule": "frame", "icip_2023": False, "cpu_s": 1.0, "f1": 0.5}
+    rows = [PLAIN | told | {"noise": noise, "sampling": sampling} for noise, sampling in ways.values()]
+    rows.append(PLAIN | told | {"noise": "common", "sampling": "uniform", "method": "wlr-esim"})
+    legend = {each.get_label(): each for each in _legend({"settings": rows})}
+    for row, label in zip(rows, [*ways, "common random numbers"], strict=True):
+        _mark(panel, row, "f1", faint=False)
+        point = next(each for each in reversed(panel.lines) if isinstance(each, lines.Line2D))
+        assert point.get_color() == legend[label].get_color(), label
+        assert point.get_markerfacecolor() == legend[label].get_markerfacecolor(), label
+        shape = "WLR everywhere" if row["method"] == "wlr-esim" else "ESIM"
+        assert point.get_marker() == legend[shape].get_marker()
