@@ -15,7 +15,7 @@ from tests.simulator.stage import scene, simulator
 
 gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed")
 
-from clsim.bridges.gymnasium import EventObservation  # noqa: E402
+from clsim.bridges.gymnasium import Columns, EventObservation  # noqa: E402
 from tests.bridges.slide import Slide  # noqa: E402
 
 
@@ -161,3 +161,13 @@ def test_a_vector_of_environments_shares_one_scene(tmp_path: Path) -> None:
     assert together == alone and min(map(len, together)) > 20 * 8
     for run in runs:
         run.close()
+
+
+def test_columns_are_alike_where_all_their_values_are() -> None:
+    """As Gymnasium's checker asks of two runs with one seed."""
+    t, x = np.array([1, 2, 3]), np.array([0, 0, 1])
+    known = Columns({"t": t, "x": x})
+    assert known == Columns({"x": x.copy(), "t": t.copy()})
+    for other in ({"t": t}, {"t": t, "x": x + 1}, {"t": t, "y": x}, {"t": t[:2], "x": x[:2]}):
+        assert known != Columns(other)
+    assert known != {"t": t, "x": x} and known != 1

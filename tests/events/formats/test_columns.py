@@ -66,9 +66,11 @@ def npz(path: Path, columns: dict[str, npt.NDArray[Any]]) -> None:
 
 
 WRITERS = {".h5": hdf5, ".npz": npz, ".csv": csv, ".parquet": parquet, ".npy": npy, ".mat": mat}
+SIGNLESS = r"(\.0)? in row \d+ \(-1 without its sign\); expected 0 and 1"
 WRONG = {
-    "-1 without its sign": ("p", np.where(P > 0, 1, -1).astype("i1").view("u1"), r"column p has 255.* in row \d+"),
-    "-1 in 32 bits": ("p", np.where(P > 0, 1, -1).astype("i4").view("u4"), r"column p has 4294967295.* in row \d+"),
+    "-1 without its sign": ("p", np.where(P > 0, 1, -1).astype("i1").view("u1"), rf"column p has 255{SIGNLESS}"),
+    "-1 in 32 bits": ("p", np.where(P > 0, 1, -1).astype("i4").view("u4"), rf"column p has 4294967295{SIGNLESS}"),
+    "-1 of 32 bits in 64": ("p", np.where(P > 0, 1, 2**32 - 1), rf"column p has 4294967295{SIGNLESS}"),
     "counts": ("p", np.arange(COUNT) % 4, r"column p has 2(\.0)? in row 2; expected 0 and 1, or -1 and 1"),
     "seconds": ("t", T * 1e-6, r"column t has .* in row \d+ \(seconds\?\); expected whole µs"),
     "negative": ("x", np.where(np.arange(COUNT) == 7, -1, X), r"column x has -1(\.0)? in row 7; expected 0 to 65535"),

@@ -68,6 +68,19 @@ def test_a_film_colours_what_is_metal_of_a_surface(tmp_path: Path, metallic: flo
     )
 
 
+@pytest.mark.parametrize(("ior", "thickness_nm"), [(1.3, 100.0), (1.3, 250.0), (2.0, 100.0)])
+def test_a_film_on_glass_leaves_its_index_and_gains_nothing(tmp_path: Path, ior: float, thickness_nm: float) -> None:
+    """What passes bends as before; in no colour does more than the glass's own light come back."""
+    film = {"iridescenceFactor": 1.0, "iridescenceIor": ior, "iridescenceThicknessMaximum": thickness_nm}
+    layers = {"KHR_materials_iridescence": film, "KHR_materials_transmission": {"transmissionFactor": 1.0}}
+    tree = gltf(materials=[{"pbrMetallicRoughness": {"metallicFactor": 0.0}, "extensions": layers}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    (found, *_) = load_gltf(write_gltf(tmp_path, tree)).materials
+    assert found.ior == pytest.approx(1.5)
+    wanted = np.minimum(np.array(reflected_by_film((0.04,) * 3, 1.0, ior, thickness_nm)) / 0.04, 1.0)
+    assert found.specular_color == pytest.approx(tuple(wanted))
+
+
 def test_a_file_has_them_with_a_warning(tmp_path: Path) -> None:
     film = {"iridescenceFactor": 1.0, "iridescenceIor": 2.0, "iridescenceThicknessMaximum": 550.0 / 8.0}
     layers = {"KHR_materials_iridescence": film, "KHR_materials_anisotropy": {"anisotropyStrength": 1.0}}

@@ -220,6 +220,7 @@ def test_values_reach_the_world(tmp_path):
     assert world.instances[0].name == "ball"
     np.testing.assert_allclose(ball.vertices.max(axis=0), (2, 4, 6), rtol=1e-5)
     np.testing.assert_allclose(world.instances[0].motion.pose(0.0) @ (0, 0, 1, 1), (2, 2, 3, 1), atol=1e-12)
+    np.testing.assert_array_equal([each.motion.pose(0.0) for each in world.instances[1:]], [np.eye(4)] * 2)
     glow = world.materials[ball.material_ids[0]]
     assert (glow.color, glow.emission, glow.emits_behind, glow.back) == ((0.1, 0.2, 0.3), (1, 2, 3), False, "culled")
     checker = world.materials[squares.material_ids[0]]

@@ -1,0 +1,78 @@
+"""Poses that are set from outside, against scipy: how they are read, and what lies between them."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from clsim.errors import InputError
+from clsim.scene import Static
+from clsim.scene.driven import Driven, matrix_of, read_place, stands_still
+
+TURN = Rotation.from_euler("xyz", (20, -70, 130), degrees=True)
+
+
+def matrix(position, rotation, scale=1.0):
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = scale * rotation.as_matrix(), position
+    return pose
+
+
+@pytest.mark.parametrize("kind", [tuple, list])
+def test_a_place_is_a_matrix_or_a_pair(kind):
+    pair = read_place("pose", kind([(1.0, 2.0, 3.0), TURN.as_quat()]))
+    np.testing.assert_allclose(matrix_of(pair), matrix((1, 2, 3), TURN), atol=1e-12)
+    for scale in (1.0, 0.25, 3.0):
+        pose = matrix((1, 2, 3), TURN, scale)
+        place = read_place("pose", pose.tolist())
+        assert place[2] == pytest.approx(scale)
+        np.testing.assert_allclose(matrix_of(place), pose, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        ((1, 2), (0, 0, 0, 1)),
+        ((1, 2, 3), (0, 0, 1)),
+        ((1, 2, 3), (0, 0, 0, 1.02)),
+        ((1, 2, 3), (0, 0, 0, 0.98)),
+        ((1, 2, np.nan), (0, 0, 0, 1)),
+        ((1, 2, 3), (0, 0, 0, 1), 1),
+        np.eye(3),
+        np.diag((1, 1, -1, 1)),
+        np.diag((1, 2, 1, 1)),
+        np.diag((1, 1, 1, 2)),
+        np.diag((np.inf, np.inf, np.inf, 1)),
+        "here",
+        None,
+    ],
+)
+def test_what_is_no_place_is_named(value):
+    with pytest.raises(InputError, match="`hand` must be a 4×4 matrix of a rotation, at most one positive scale"):
+        read_place("hand", value)
+
+
+def test_a_pose_lies_on_the_line_and_on_the_shortest_turn_between_keys():
+    motion = Driven(Static(matrix((7, 8, 9), TURN)))
+    assert motion.last_s is None and stands_still(motion) and motion.duration_s > 0
+    np.testing.assert_array_equal(motion.pose(5.0), matrix((7, 8, 9), TURN))
+    rotations = Rotation.concatenate([Rotation.identity(), TURN, TURN * TURN])
+    times, places, scales = (1.0, 2.0, 4.0), np.array([(0, 0, 0), (1, 2, 3), (-1, 0, 5)]), (1.0, 2.0, 0.5)
+    motion.set(1.0, read_place("pose", np.eye(4) * (3, 3, 3, 1)))  # replaced by the next one
+    for time_s, *place in zip(times, places, rotations, scales, strict=True):
+        motion.set(time_s, read_place("pose", matrix(*place)))
+    assert (motion.last_s, motion.duration_s, len(motion.keys)) == (4.0, 4.0, 3)
+    turns = Slerp(times, rotations)
+
+    def check(some_s):
+        for time_s in some_s:
+            now = min(max(time_s, 1.0), 4.0)
+            place = [np.interp(now, times, column) for column in places.T]
+            wanted = matrix(place, turns(now), np.interp(now, times, scales))
+            np.testing.assert_allclose(motion.pose(time_s), wanted, atol=1e-9)
+
+    check((0.0, 1.0, 1.25, 2.0, 3.0, 3.9, 4.0, 9.0))
+    motion.forget_before(2.5)
+    assert [key[0] for key in motion.keys] == [2.0, 4.0]
+    check((2.5, 3.0, 4.0, 9.0))
+    motion.release()
+    np.testing.assert_array_equal(motion.pose(3.0), matrix((7, 8, 9), TURN))
