@@ -119,3 +119,13 @@ def test_a_stream_that_was_closed_is_a_sink_error(kind: type[TcpSink] | type[Udp
     sink.close()
     with pytest.raises(SinkError, match="closed before"):
         sink.write(np.zeros(1, EVENT_DTYPE), 0)
+
+
+@pytest.mark.parametrize(("unit", "line"), [(None, "1500000 3 2 1"), ("us", "1500000 3 2 1"), ("s", "1.500000 3 2 1")])
+def test_time_in_text_is_in_the_unit_that_is_asked_for(tmp_path: Path, unit: str | None, line: str) -> None:
+    events = np.array([(1_500_000, 3, 2, True)], EVENT_DTYPE)
+    names = [str(tmp_path / "a.txt"), str(tmp_path / "b.raw")]
+    for output in open_outputs(names, 4, 4, FileOptions(text_time=unit)).values():
+        output.write(events, 2_000_000)
+        output.close()
+    assert line in Path(names[0]).read_text().splitlines()

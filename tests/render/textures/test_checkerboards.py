@@ -12,12 +12,15 @@ CORNERS = {"top_left": (0, 0), "top_right": (1, 0), "bottom_left": (0, 1), "bott
 POINTS = 200
 """In a row and in a column, for the truth: a share is right to about a two-hundredth."""
 
+SCALE = 2.5
+"""Squares for each 1 of uv."""
+
 
 @wp.kernel(enable_backward=False)
 def shares(footprints: wp.array(dtype=Footprint), lines: int, out_shares: wp.array(dtype=float)):
     """Write the share of the first colour."""
     row = TextureRow()
-    row.scale = 1.0
+    row.scale = SCALE
     row.color_a = wp.vec3(1.0, 1.0, 1.0)
     out_shares[wp.tid()] = checker_mean(row, footprints[wp.tid()], lines)[0]
 
@@ -33,7 +36,7 @@ def test_the_mean_of_a_checkerboard_is_that_of_many_points():
     corners = np.array(list(CORNERS.values()), float)
     near = nearness + slope @ corners.T
     uv = middle * nearness[:, None] + along @ corners.T * nearness[:, None]
-    over_distance = np.concatenate([uv, near[:, None]], axis=1).transpose(0, 2, 1)
+    over_distance = np.concatenate([uv / SCALE, near[:, None]], axis=1).transpose(0, 2, 1)
     given = np.zeros(count, dtype=Footprint.numpy_dtype())
     for number, name in enumerate(CORNERS):
         given[name] = over_distance[:, number]
@@ -42,7 +45,7 @@ def test_the_mean_of_a_checkerboard_is_that_of_many_points():
     x, y = (each.ravel() for each in np.meshgrid(place, place))
     weights = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
     seen = over_distance.transpose(0, 2, 1) @ weights
-    squares = np.floor(seen[:, 0] / seen[:, 2]) + np.floor(seen[:, 1] / seen[:, 2])
+    squares = np.floor(SCALE * seen[:, 0] / seen[:, 2]) + np.floor(SCALE * seen[:, 1] / seen[:, 2])
     true = (squares % 2 == 0).mean(axis=1)
 
     found = wp.zeros(count, dtype=float)
@@ -50,7 +53,7 @@ def test_the_mean_of_a_checkerboard_is_that_of_many_points():
     error = np.abs(found.numpy() - true)
     # Where the pixel shows two columns, or two rows, no line is needed: one tells as much as many.
     wp.launch(shares, dim=count, inputs=[wp.array(given, dtype=Footprint), 1, found])
-    of_corners = np.floor(over_distance[:, :, :2] / over_distance[:, :, 2:])
+    of_corners = np.floor(SCALE * over_distance[:, :, :2] / over_distance[:, :, 2:])
     several = np.sort(np.ptp(of_corners, axis=1), axis=1)
     one_edge = (several == [0, 1]).all(axis=1)
     assert one_edge.sum() > 40 and np.abs(found.numpy() - true)[one_edge].max() < 0.004
