@@ -324,8 +324,11 @@ class View:
         from clsim.render.cache.path_store import PathStore
 
         kernel = build_kernel(options.features(self._data.features, camera, replay=True), self._data.tree)
-        stored = options.lamp_paths if self._data.features.lamps_move else options.stored_paths
-        return PathStore(kernel, self._data, self._settings, stored, options.follow_every, options.threads)
+        moves = self._data.features.lamps_move
+        stored = options.lamp_paths if moves else options.stored_paths
+        limited = not (moves or self._data.light_changes or options.lights_set)
+        every, threads = options.follow_every, options.threads
+        return PathStore(kernel, self._data, self._settings, stored, every, threads, limited=limited)
 
     def _shine(self, time_s: float) -> dict[str, Any]:
         """Let light be its mean over an exposure about that time; return the argument of the kernel that this changes.

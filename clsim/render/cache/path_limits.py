@@ -10,8 +10,6 @@ changed, and the ratio of both is the factor by which it has (`stored_paths.py`)
 brightness, all paths find more or less at once, and there are no limits.
 """
 
-from typing import Literal
-
 import warp as wp
 
 from clsim.render.cache.light_cache import Cell, bright_of
@@ -53,7 +51,7 @@ def beyond_limit(bright: float, limit: float) -> wp.vec2:
 
 
 @wp.func
-def add_beyond(sums: wp.array[wp.int64, Literal[2]], row: int, field: int, beyond: wp.vec2, sign: wp.int64) -> None:
+def add_beyond(sums: wp.array2d[wp.int64], row: int, field: int, beyond: wp.vec2, sign: wp.int64) -> None:
     """Add what is beyond a path's limit, and which part of a path, to a cell's sums from ``field`` on."""
     if beyond[0] > 0.0:
         wp.atomic_add(sums, row, field, sign * whole(beyond[0]))
@@ -66,7 +64,7 @@ def _ramp(value: float, begins: float, ends: float) -> float:
 
 
 @wp.func
-def counted_of(sums: wp.array[wp.int64, Literal[2]], row: int, count: float, first: int, beyond: int) -> wp.vec2:
+def counted_of(sums: wp.array2d[wp.int64], row: int, count: float, first: int, beyond: int) -> wp.vec2:
     """Return which part of what the ``count`` paths of a cell find counts, and which is within their limits.
 
     ``first`` and ``beyond`` are the first fields of what they find, and of what of it is beyond.

@@ -48,7 +48,15 @@ class PathStore:
     """
 
     def __init__(
-        self, kernel: Any, data: MovingScene, settings: Any, most: int, every: int, threads: int | None
+        self,
+        kernel: Any,
+        data: MovingScene,
+        settings: Any,
+        most: int,
+        every: int,
+        threads: int | None,
+        *,
+        limited: bool = False,
     ) -> None:
         """Make room for none.
 
@@ -59,8 +67,11 @@ class PathStore:
             most: paths that are stored in a cell.
             every: frames in which each path is traced once where lamps move.
             threads: that trace; None takes one a core.
+            limited: whether paths have limits (`path_limits.py`): where no lamp moves or changes its brightness, which
+                changes what each path finds.
         """
         self._data, self._settings, self._most, self._every = data, settings, most, every
+        self._limited = limited
         self._device = data.device
         self.paths = self.stored = self._taken = 0
         self.frame = 0
@@ -125,7 +136,7 @@ class PathStore:
         given = [found[name] for name in ("spent", "positions", "normals", "traced", "met", "rows")]
         wp.launch(
             build_storing().choose_paths, dim=len(found["traced"]), device=self._device,
-            inputs=[*given, self._most, asked, cells, table[1], table[0], self._paths, self._count],
+            inputs=[*given, self._most, self._limited, asked, cells, table[1], table[0], self._paths, self._count],
         )  # fmt: skip
         return int(self._count.numpy()[0])
 

@@ -27,6 +27,7 @@ from clsim.render.cache.light_cache import (
     look_up_at,
     tells_before,
 )
+from clsim.render.cache.path_limits import NO_LIMIT, UNIT, add_beyond, beyond_limit, counted_of, limit_of, whole
 from clsim.render.cache.trails import Moved, trail_crosses
 from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.kernel_input import Scene, Settings
@@ -36,10 +37,11 @@ from clsim.render.sampling.sobol import make_sampler, reverse_bits
 
 wp.set_module_options(kernel_options())
 
-FOLLOWED_SUMS = 10
-"""Of R, G and B, the number of paths, and R, G and B as they were before light changed; of the brightness of both the
-squares: that of now, the product, and that of before."""
-_COUNT, _BASE, _SQUARES = wp.constant(3), wp.constant(4), wp.constant(7)
+FOLLOWED_SUMS = 14
+"""Of R, G and B, the number of paths, and R, G and B as they were before light changed; of the brightness of both, up
+to each path's limit, the squares: that of now, the product, and that of before; what is beyond the limits now, and how
+many paths that is, and both as they were before."""
+_COUNT, _BASE, _SQUARES, _BEYOND, _BEYOND_BEFORE = (wp.constant(field) for field in (3, 4, 7, 10, 12))
 _LEVELS = wp.constant(LEVELS)
 _STORED_AT = wp.constant(2)
 """Level of the cells that tell how many paths are stored, of those that are asked."""
@@ -49,8 +51,6 @@ OWN = wp.constant(1 << 16)
 """Number of a pixel's first path: beyond those of all primary rays."""
 _LONGEST_AGE = wp.constant(64)
 """Frames after which what a path found says nothing of how fast that changes."""
-_UNIT = wp.constant(4294967296.0)
-_LARGEST = wp.constant(65536.0)
 _MOST_UNEVEN = wp.constant(4.0)
 """Times as many paths are stored at most where they find light that differs much."""
 _MOST = wp.constant(8.0)
@@ -83,6 +83,7 @@ class StoredPath:
         age: … and how many frames ago that was.
         rate: by how much that changes in a frame.
         base: what it would find if light had not changed; before it is traced, 1 over the factor by which it has.
+        limit: brightness up to which it counts, unless others of its cell find as much.
         places: of its trail.
     """
 
@@ -95,6 +96,7 @@ class StoredPath:
     age: int
     rate: wp.vec3
     base: wp.vec3
+    limit: float
     places: int
 
 
@@ -114,6 +116,7 @@ def choose_paths(
     met: wp.array2d[Met],
     rows: wp.array3d[int],
     most: int,
+    limited: bool,
     asked: Asked,
     cells: wp.array[Cell],
     followed: wp.array[Followed],
@@ -123,7 +126,7 @@ def choose_paths(
 ) -> None:
     """Store paths of the last frame, chosen by chance, so that their cells hold some ``most``; a thread is a pixel.
 
-    There are more where paths find light that differs more.
+    There are more where paths find light that differs more. If ``limited``, they have limits (`path_limits.py`).
 
     ``traced`` tells how many paths each pixel has traced, those of that frame included.
     """
@@ -155,12 +158,10 @@ def choose_paths(
                     path.number = number
                     path.base = before_change(cached, wp.vec3(1.0, 1.0, 1.0) + cached.more)
                     path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
+                    path.limit = NO_LIMIT
+                    if limited and rows[i, _LEVELS - 1, pixel] >= 0:
+                        path.limit = limit_of(cells[rows[i, _LEVELS - 1, pixel]])
                     paths[slot] = path
-
-
-@wp.func
-def _whole(value: float) -> wp.int64:
-    return wp.int64(wp.clamp(value, 0.0, _LARGEST) * _UNIT)
 
 
 @wp.func
@@ -205,25 +206,30 @@ def add_paths(
             row = path.rows[k]
             if row >= 0:
                 for c in range(3):
-                    change = _whole(path.light[c])
+                    change = whole(path.light[c])
                     if not joining:
-                        change = change - _whole(paths[i].light[c])
+                        change = change - whole(paths[i].light[c])
                     wp.atomic_add(sums, row, c, change)
                     if joining:
-                        wp.atomic_add(sums, row, _BASE + c, _whole(path.base[c]))
+                        wp.atomic_add(sums, row, _BASE + c, whole(path.base[c]))
                 now = bright_of(path.light)
-                base = bright_of(path.base)
-                squares = _whole(now * now)
-                products = _whole(now * base)
-                if not joining:
+                base = wp.min(bright_of(path.base), path.limit)
+                add_beyond(sums, row, _BEYOND, beyond_limit(now, path.limit), wp.int64(1))
+                now = wp.min(now, path.limit)
+                squares = whole(now * now)
+                products = whole(now * base)
+                if joining:
+                    add_beyond(sums, row, _BEYOND_BEFORE, beyond_limit(bright_of(path.base), path.limit), wp.int64(1))
+                    wp.atomic_add(sums, row, _SQUARES + 2, whole(base * base))
+                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
+                else:
                     before = bright_of(paths[i].light)
-                    squares = squares - _whole(before * before)
-                    products = products - _whole(before * base)
+                    add_beyond(sums, row, _BEYOND, beyond_limit(before, path.limit), wp.int64(-1))
+                    before = wp.min(before, path.limit)
+                    squares = squares - whole(before * before)
+                    products = products - whole(before * base)
                 wp.atomic_add(sums, row, _SQUARES, squares)
                 wp.atomic_add(sums, row, _SQUARES + 1, products)
-                if joining:
-                    wp.atomic_add(sums, row, _SQUARES + 2, _whole(base * base))
-                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
                 followed[row].last = followed[row].factor
         path.places = paths[i].places
         paths[i] = path
@@ -234,22 +240,27 @@ def _told(cell: Followed, sums: wp.array2d[wp.int64], row: int) -> Followed:
     """Return a cell as its stored paths tell."""
     after = cell
     after.count = float(sums[row, _COUNT])
-    # The error of a ratio is that of what it leaves: the sum of (now − ratio · before)² over the same paths.
+    counted = counted_of(sums, row, after.count, 0, _BEYOND)
+    counted_before = counted_of(sums, row, after.count, _BASE, _BEYOND_BEFORE)
+    # The error of a ratio is that of what it leaves: the sum of (now − ratio · before)² over the same paths, here up to
+    # their limits. What counts beyond has the same part of it.
     before = (float(sums[row, _BASE]) + float(sums[row, _BASE + 1]) + float(sums[row, _BASE + 2])) / 3.0
     now = (float(sums[row, 0]) + float(sums[row, 1]) + float(sums[row, 2])) / 3.0
     after.error = 0.0
-    if before > 0.0:
-        ratio = now / before
+    if before * counted_before[1] > 0.0:
+        ratio = now * counted[1] / (before * counted_before[1])
         left = float(sums[row, _SQUARES]) - 2.0 * ratio * float(sums[row, _SQUARES + 1])
         left = wp.max(left + ratio * ratio * float(sums[row, _SQUARES + 2]), 0.0)
-        after.error = wp.min(wp.sqrt(left * _UNIT) / before, 1.0)
+        after.error = wp.min(wp.sqrt(left * UNIT) / (before * counted_before[1]), 1.0)
+        if ratio > 0.0:
+            after.error *= (now * counted[0] / (before * counted_before[0])) / ratio
     for c in range(3):
-        light = float(sums[row, c])
-        base = float(sums[row, _BASE + c])
+        light = float(sums[row, c]) * counted[0]
+        base = float(sums[row, _BASE + c]) * counted_before[0]
         after.factor[c] = 1.0
         if base > 0.0:
             after.factor[c] = wp.min(light / base, _MOST)
-        after.more[c] = wp.max(light - after.factor[c] * base, 0.0) / (_UNIT * after.count)
+        after.more[c] = wp.max(light - after.factor[c] * base, 0.0) / (UNIT * after.count)
     return after
 
 

@@ -166,7 +166,7 @@ def test_the_error_of_a_change_is_that_of_the_ratio_of_two_sums():
     rng = np.random.default_rng(3)
     first, then = rng.exponential(1.0, (2, 60, 3))
     rows = np.zeros(60, StoredPath.numpy_dtype())
-    rows["rows"], rows["base"] = (0, -1, -1, -1), 1.0
+    rows["rows"], rows["base"], rows["limit"] = (0, -1, -1, -1), 1.0, 1e20
     paths = wp.array(rows, dtype=StoredPath, device="cpu")
     sums = wp.zeros((1, FOLLOWED_SUMS), dtype=wp.int64, device="cpu")
     followed = wp.zeros(1, dtype=Followed, device="cpu")
