@@ -324,9 +324,8 @@ class View:
         from clsim.render.cache.path_store import PathStore
 
         kernel = build_kernel(options.features(self._data.features, camera, replay=True), self._data.tree)
-        moves = self._data.features.lamps_move
-        stored = options.lamp_paths if moves else options.stored_paths
-        limited = not (moves or self._data.light_changes or options.lights_set)
+        stored = options.lamp_paths if self._data.features.lamps_move else options.stored_paths
+        limited = not (self._data.light_changes or options.lights_set)
         every, threads = options.follow_every, options.threads
         return PathStore(kernel, self._data, self._settings, stored, every, threads, limited=limited)
 

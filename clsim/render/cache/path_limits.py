@@ -6,8 +6,8 @@ multiple of the light around. What is beyond counts only where light has become 
 cell find as much, or next to all light is beyond the limits.
 
 That leaves brightness as it is: limits hold for what paths find now, and for what they would find if light had not
-changed, and the ratio of both is the factor by which it has (`stored_paths.py`). Where lamps move or change their
-brightness, all paths find more or less at once, and there are no limits.
+changed, and the ratio of both is the factor by which it has (`stored_paths.py`). Where lamps change their brightness,
+all paths find more or less at once, and there are no limits.
 """
 
 import warp as wp

@@ -67,8 +67,7 @@ class PathStore:
             most: paths that are stored in a cell.
             every: frames in which each path is traced once where lamps move.
             threads: that trace; None takes one a core.
-            limited: whether paths have limits (`path_limits.py`): where no lamp moves or changes its brightness, which
-                changes what each path finds.
+            limited: whether paths have limits (`path_limits.py`): where no lamp changes its brightness.
         """
         self._data, self._settings, self._most, self._every = data, settings, most, every
         self._limited = limited
