@@ -191,6 +191,26 @@ def test_a_lamp_that_goes_out_leaves_no_light_behind():
     assert np.all(bright[:2] > 0.01) and np.all(bright[2:] < 1e-4 * bright.max())
 
 
+@pytest.mark.parametrize("blinks", [False, True])
+def test_paths_have_limits_unless_lamps_change_their_brightness(monkeypatch, blinks):
+    """Then all paths find more or less at once, and that is no luck of one of them."""
+    close, limits = PathStore.close, []
+
+    def note_and_close(store):
+        limits.extend(store._paths.numpy()["limit"][: store.stored])
+        close(store)
+
+    monkeypatch.setattr(PathStore, "close", note_and_close)
+    world = room(hw.IDENTITY if blinks else there_and_back(), lamp_at())
+    lamp = replace(world.sphere_lights[0], modulation=Pwm(5.0, 0.5) if blinks else None)
+    shown, _ = pictures(replace(world, sphere_lights=(lamp,)), [10_000, 60_000])
+    finite = np.array(limits)[np.array(limits) < 1e19]
+    assert len(limits) > 100 and (len(finite) == 0 if blinks else len(finite) > 0.9 * len(limits))
+    if not blinks:
+        # Ten times what surfaces reflect, about: indirect light alone is in cells here.
+        assert 0.05 * shown.mean() < np.median(finite) < 20 * shown.mean()
+
+
 def test_a_lamp_that_moves_is_followed_in_turn():
     """A sixth of the paths in each frame; when it stands still all are traced once more, and then none."""
     moves = driven(hw.IDENTITY, [(k / 120, (1.2 - 0.05 * min(k, 8), 3.0, 1.0)) for k in range(24)])
