@@ -44,18 +44,22 @@ def whole(value: float) -> wp.int64:
 
 
 @wp.func
-def beyond_limit(bright: float, limit: float) -> wp.vec2:
-    """Return what of a path's brightness is beyond its limit, and which part of a path that is: 1 from twice on."""
-    beyond = wp.max(bright - limit, 0.0)
-    return wp.vec2(beyond, wp.where(beyond > 0.0, wp.min(beyond / wp.max(limit, 1.0e-20), 1.0), 0.0))
+def beyond_limit(light: wp.vec3, limit: float) -> wp.vec4:
+    """Return what of a path's light is beyond its limit, and which part of a path that is: 1 from twice that on."""
+    beyond = wp.vec4()
+    bright = bright_of(light)
+    if bright > limit:
+        over = light * (1.0 - limit / bright)
+        beyond = wp.vec4(over[0], over[1], over[2], wp.min((bright - limit) / wp.max(limit, 1.0e-20), 1.0))
+    return beyond
 
 
 @wp.func
-def add_beyond(sums: wp.array2d[wp.int64], row: int, field: int, beyond: wp.vec2, sign: wp.int64) -> None:
-    """Add what is beyond a path's limit, and which part of a path, to a cell's sums from ``field`` on."""
-    if beyond[0] > 0.0:
-        wp.atomic_add(sums, row, field, sign * whole(beyond[0]))
-        wp.atomic_add(sums, row, field + 1, sign * whole(beyond[1]))
+def add_beyond(sums: wp.array2d[wp.int64], row: int, first: int, beyond: wp.vec4, sign: wp.int64) -> None:
+    """Add that to a cell's sums, to the field ``first`` and the three after it."""
+    if beyond[3] > 0.0:
+        for field in range(4):
+            wp.atomic_add(sums, row, first + field, sign * whole(beyond[field]))
 
 
 @wp.func
@@ -64,17 +68,22 @@ def _ramp(value: float, begins: float, ends: float) -> float:
 
 
 @wp.func
-def counted_of(sums: wp.array2d[wp.int64], row: int, count: float, first: int, beyond: int) -> wp.vec2:
-    """Return which part of what the ``count`` paths of a cell find counts, and which is within their limits.
+def counted_of(sums: wp.array2d[wp.int64], row: int, first: int, beyond: int, left_out: float) -> wp.vec3:
+    """Return the sum of what the paths of a cell find, without that part of what is beyond their limits.
 
-    ``first`` and ``beyond`` are the first fields of what they find, and of what of it is beyond.
+    ``first`` and ``beyond`` are the first fields of both.
     """
-    total = (float(sums[row, first]) + float(sums[row, first + 1]) + float(sums[row, first + 2])) / 3.0
-    left_out = wp.min(float(sums[row, beyond]), total)
-    counted = wp.vec2(1.0, 1.0)
-    if left_out > 0.0:
-        paths = float(sums[row, beyond + 1]) / (UNIT * count)
-        times = left_out / wp.max(total - left_out, 1.0)
-        agreed = wp.max(_ramp(paths, _FEW, _MANY), _ramp(times, _LITTLE, _MUCH))
-        counted = wp.vec2(1.0 - (1.0 - agreed) * left_out / total, 1.0 - left_out / total)
+    counted = wp.vec3()
+    for c in range(3):
+        counted[c] = wp.max(float(sums[row, first + c]) - left_out * float(sums[row, beyond + c]), 0.0)
     return counted
+
+
+@wp.func
+def left_out_of(sums: wp.array2d[wp.int64], row: int, count: float, first: int, beyond: int) -> float:
+    """Return which part of what is beyond the limits of a cell's ``count`` paths does not count."""
+    within = bright_of(counted_of(sums, row, first, beyond, 1.0))
+    luck = float(sums[row, beyond]) + float(sums[row, beyond + 1]) + float(sums[row, beyond + 2])
+    paths = float(sums[row, beyond + 3]) / (UNIT * count)
+    times = luck / (3.0 * wp.max(within, 1.0))
+    return 1.0 - wp.max(_ramp(paths, _FEW, _MANY), _ramp(times, _LITTLE, _MUCH))

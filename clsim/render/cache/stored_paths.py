@@ -27,7 +27,16 @@ from clsim.render.cache.light_cache import (
     look_up_at,
     tells_before,
 )
-from clsim.render.cache.path_limits import NO_LIMIT, UNIT, add_beyond, beyond_limit, counted_of, limit_of, whole
+from clsim.render.cache.path_limits import (
+    NO_LIMIT,
+    UNIT,
+    add_beyond,
+    beyond_limit,
+    counted_of,
+    left_out_of,
+    limit_of,
+    whole,
+)
 from clsim.render.cache.trails import Moved, trail_crosses
 from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.kernel_input import Scene, Settings
@@ -37,11 +46,11 @@ from clsim.render.sampling.sobol import make_sampler, reverse_bits
 
 wp.set_module_options(kernel_options())
 
-FOLLOWED_SUMS = 14
+FOLLOWED_SUMS = 18
 """Of R, G and B, the number of paths, and R, G and B as they were before light changed; of the brightness of both, up
-to each path's limit, the squares: that of now, the product, and that of before; what is beyond the limits now, and how
-many paths that is, and both as they were before."""
-_COUNT, _BASE, _SQUARES, _BEYOND, _BEYOND_BEFORE = (wp.constant(field) for field in (3, 4, 7, 10, 12))
+to each path's limit, the squares: that of now, the product, and that of before; what of R, G and B is beyond the limits
+now, and how many paths that is, and these as they were before."""
+_COUNT, _BASE, _SQUARES, _BEYOND, _BEYOND_BEFORE = (wp.constant(field) for field in (3, 4, 7, 10, 14))
 _LEVELS = wp.constant(LEVELS)
 _STORED_AT = wp.constant(2)
 """Level of the cells that tell how many paths are stored, of those that are asked."""
@@ -212,20 +221,18 @@ def add_paths(
                     wp.atomic_add(sums, row, c, change)
                     if joining:
                         wp.atomic_add(sums, row, _BASE + c, whole(path.base[c]))
-                now = bright_of(path.light)
+                now = wp.min(bright_of(path.light), path.limit)
                 base = wp.min(bright_of(path.base), path.limit)
-                add_beyond(sums, row, _BEYOND, beyond_limit(now, path.limit), wp.int64(1))
-                now = wp.min(now, path.limit)
+                add_beyond(sums, row, _BEYOND, beyond_limit(path.light, path.limit), wp.int64(1))
                 squares = whole(now * now)
                 products = whole(now * base)
                 if joining:
-                    add_beyond(sums, row, _BEYOND_BEFORE, beyond_limit(bright_of(path.base), path.limit), wp.int64(1))
+                    add_beyond(sums, row, _BEYOND_BEFORE, beyond_limit(path.base, path.limit), wp.int64(1))
                     wp.atomic_add(sums, row, _SQUARES + 2, whole(base * base))
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
                 else:
-                    before = bright_of(paths[i].light)
-                    add_beyond(sums, row, _BEYOND, beyond_limit(before, path.limit), wp.int64(-1))
-                    before = wp.min(before, path.limit)
+                    before = wp.min(bright_of(paths[i].light), path.limit)
+                    add_beyond(sums, row, _BEYOND, beyond_limit(paths[i].light, path.limit), wp.int64(-1))
                     squares = squares - whole(before * before)
                     products = products - whole(before * base)
                 wp.atomic_add(sums, row, _SQUARES, squares)
@@ -240,27 +247,26 @@ def _told(cell: Followed, sums: wp.array2d[wp.int64], row: int) -> Followed:
     """Return a cell as its stored paths tell."""
     after = cell
     after.count = float(sums[row, _COUNT])
-    counted = counted_of(sums, row, after.count, 0, _BEYOND)
-    counted_before = counted_of(sums, row, after.count, _BASE, _BEYOND_BEFORE)
+    light = counted_of(sums, row, 0, _BEYOND, left_out_of(sums, row, after.count, 0, _BEYOND))
+    left_out = left_out_of(sums, row, after.count, _BASE, _BEYOND_BEFORE)
+    base = counted_of(sums, row, _BASE, _BEYOND_BEFORE, left_out)
     # The error of a ratio is that of what it leaves: the sum of (now − ratio · before)² over the same paths, here up to
     # their limits. What counts beyond has the same part of it.
-    before = (float(sums[row, _BASE]) + float(sums[row, _BASE + 1]) + float(sums[row, _BASE + 2])) / 3.0
-    now = (float(sums[row, 0]) + float(sums[row, 1]) + float(sums[row, 2])) / 3.0
+    now = bright_of(counted_of(sums, row, 0, _BEYOND, 1.0))
+    before = bright_of(counted_of(sums, row, _BASE, _BEYOND_BEFORE, 1.0))
     after.error = 0.0
-    if before * counted_before[1] > 0.0:
-        ratio = now * counted[1] / (before * counted_before[1])
+    if before > 0.0:
+        ratio = now / before
         left = float(sums[row, _SQUARES]) - 2.0 * ratio * float(sums[row, _SQUARES + 1])
         left = wp.max(left + ratio * ratio * float(sums[row, _SQUARES + 2]), 0.0)
-        after.error = wp.min(wp.sqrt(left * UNIT) / (before * counted_before[1]), 1.0)
+        after.error = wp.min(wp.sqrt(left * UNIT) / before, 1.0)
         if ratio > 0.0:
-            after.error *= (now * counted[0] / (before * counted_before[0])) / ratio
+            after.error *= (bright_of(light) / bright_of(base)) / ratio
     for c in range(3):
-        light = float(sums[row, c]) * counted[0]
-        base = float(sums[row, _BASE + c]) * counted_before[0]
         after.factor[c] = 1.0
-        if base > 0.0:
-            after.factor[c] = wp.min(light / base, _MOST)
-        after.more[c] = wp.max(light - after.factor[c] * base, 0.0) / (UNIT * after.count)
+        if base[c] > 0.0:
+            after.factor[c] = wp.min(light[c] / base[c], _MOST)
+        after.more[c] = wp.max(light[c] - after.factor[c] * base[c], 0.0) / (UNIT * after.count)
     return after
 
 

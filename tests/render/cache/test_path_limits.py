@@ -16,8 +16,8 @@ pytestmark = pytest.mark.usefixtures("ordinary")
 LIMIT = 10.0
 
 
-def light_after(first, then, limit=LIMIT):
-    """Return the light of a cell after its paths, which found ``first``, find ``then``, if it had ``first``'s mean."""
+def cell_after(first, then, limit=LIMIT):
+    """Return what a cell is told after its paths, which found ``first`` ``[n, 3]``, find ``then``."""
     count = len(first)
     rows = np.zeros(count, StoredPath.numpy_dtype())
     rows["rows"], rows["base"], rows["limit"] = (0, -1, -1, -1), 1.0, limit
@@ -26,11 +26,16 @@ def light_after(first, then, limit=LIMIT):
     followed = wp.zeros(1, dtype=Followed, device="cpu")
     traced = wp.ones(count, dtype=wp.int32, device="cpu")
     for joining, light in ((True, first), (False, then)):
-        found = wp.array(np.repeat(np.float32(light)[:, None], 3, axis=1), dtype=wp.vec3, device="cpu")
+        found = wp.array(np.float32(light), dtype=wp.vec3, device="cpu")
         of = [0, joining, False]
         wp.launch(build_storing().add_paths, count, [*of, paths, found, traced, sums, followed], device="cpu")
         wp.launch(build_storing().average_paths, count, [*of, 0, paths, traced, sums, followed], device="cpu")
-    cell = followed.numpy()[0]
+    return followed.numpy()[0]
+
+
+def light_after(first, then, limit=LIMIT):
+    """Return the factor, the light and the error of a cell whose paths found grey light, if it had ``first``'s mean."""
+    cell = cell_after(*(np.repeat(np.array(light)[:, None], 3, axis=1) for light in (first, then)), limit)
     return cell["factor"][0], cell["factor"][0] * np.mean(first) + cell["more"][0], cell["error"]
 
 
@@ -44,6 +49,16 @@ def test_one_path_that_loses_a_window_hardly_changes_a_wall():
     assert factor == pytest.approx(63 / 73, rel=1e-4)
     assert error == pytest.approx(np.hypot(10 * 63 / 73, np.sqrt(63) * 10 / 73) / 73, rel=1e-3)
     assert light_after(first, first)[0] == 1.0  # where nothing has changed, to the bit
+
+
+def test_a_lost_window_takes_no_more_of_its_colour_than_a_path_counts():
+    """Blue sky came by one path into a room of red light: the others' colour stays."""
+    first = np.tile([1.5, 1.0, 0.5], (64, 1))
+    first[5] = 100.0, 200.0, 300.0
+    then = first.copy()
+    then[5] = 0.0
+    others, sky = then.sum(axis=0), LIMIT * first[5] / 200.0
+    assert cell_after(first, then)["factor"] == pytest.approx(others / (others + sky), rel=1e-4)
 
 
 @pytest.mark.parametrize("times", [1.5, 20.0, 1000.0])
