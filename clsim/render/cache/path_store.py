@@ -56,7 +56,7 @@ class PathStore:
         every: int,
         threads: int | None,
         *,
-        limited: bool = False,
+        limited: bool,
     ) -> None:
         """Make room for none.
 
