@@ -45,6 +45,8 @@ class Point:
     """How many these are where lamps move; see there too."""
     follow_every: int = 6
     """Frames in which each of them is traced again once; see there too."""
+    first_frame_error: float = 0.28
+    """How well light is known before the first event; see there too."""
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""
@@ -80,6 +82,7 @@ def _cached(
     stored_paths: int,
     lamp_paths: int,
     follow_every: int,
+    first_frame_error: float,
 ) -> Point:
     return Point(
         method="esim",
@@ -94,6 +97,7 @@ def _cached(
         stored_paths=stored_paths,
         lamp_paths=lamp_paths,
         follow_every=follow_every,
+        first_frame_error=first_frame_error,
     )
 
 
@@ -112,9 +116,9 @@ def _adaptive(spp: int, probe_spp: int, probe_every: int, first_hit_rays: int) -
 
 
 QUALITIES: dict[Quality, Point] = {
-    "draft": _cached(2, 1, 64, 8, stored_paths=32, lamp_paths=32, follow_every=8),
-    "balanced": _cached(8, 1, 16, 32, stored_paths=64, lamp_paths=128, follow_every=6),
-    "accurate": _cached(32, 2, 4, 256, stored_paths=256, lamp_paths=256, follow_every=1),
+    "draft": _cached(2, 1, 64, 8, stored_paths=32, lamp_paths=32, follow_every=8, first_frame_error=0.28),
+    "balanced": _cached(8, 1, 16, 32, stored_paths=64, lamp_paths=128, follow_every=6, first_frame_error=0.28),
+    "accurate": _cached(32, 2, 4, 256, stored_paths=256, lamp_paths=256, follow_every=1, first_frame_error=0.14),
     "exact": Point(
         method="esim", window=None, sampling="uniform", probe_spp=1, spp=128, first_hit_rays=0, sampler="sobol"
     ),
@@ -143,7 +147,7 @@ DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 
 
-_FOLLOWING = "stored_paths", "lamp_paths", "follow_every"
+_FOLLOWING = "stored_paths", "lamp_paths", "follow_every", "first_frame_error"
 """Settings that go with a quality alone."""
 
 

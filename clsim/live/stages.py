@@ -224,6 +224,7 @@ def plan_stages(
         stored_paths=point.stored_paths,
         lamp_paths=point.lamp_paths,
         follow_every=point.follow_every,
+        first_frame_error=point.first_frame_error,
         lights_set=lights_set,
         light_hz=None if options.time == "fixed" else BASE_FPS,
         # Where light changes by itself, shares that are counted by other rays in each frame would make it flicker more.

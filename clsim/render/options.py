@@ -88,6 +88,8 @@ class RenderOptions:
     """How many these are in a scene whose lamps move, which changes what each of them finds."""
     follow_every: int = 6
     """Frames in which each of these is traced again once where lamps move; in between it changes steadily."""
+    first_frame_error: float = 0.28
+    """Relative standard error of a pixel's light, by its own paths, until which the first frame is rendered again."""
     lights_set: bool = False
     """Whether lights are set from outside: cached light follows them then, also where nothing else moves."""
     light_hz: float | None = None
@@ -141,9 +143,13 @@ class RenderOptions:
         ):
             if count > limit:
                 raise InputError(f"`{option}` must be at most {limit}, got {count}")
-        for option, rate in (("fps", self.fps), ("light_hz", self.light_hz)):
-            if rate is not None and not 0 < rate < float("inf"):
-                raise InputError(f"`{option}` must be a positive number, got {rate}")
+        for option, value in (
+            ("fps", self.fps),
+            ("light_hz", self.light_hz),
+            ("first_frame_error", self.first_frame_error),
+        ):
+            if value is not None and not 0 < value < float("inf"):
+                raise InputError(f"`{option}` must be a positive number, got {value}")
         if not 0 <= self.seed <= _LARGEST_SEED:
             raise InputError(f"`seed` must be from 0 to 2^64 - 1, got {self.seed}")
         for name in self.truth:

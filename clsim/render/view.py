@@ -136,8 +136,9 @@ class View:
 
                 event = next_event(options.fires_at, data.world.sensor)
                 self._store = store = self._path_store(options, camera) if features.anchored else None
+                error, twice = options.first_frame_error, options.duplicate_every
                 self._steerer = LightCacheHost(
-                    *size, effort, primary_setup, options.light_hz, event, options.duplicate_every, store, self._device
+                    *size, effort, primary_setup, options.light_hz, event, error, twice, store, self._device
                 )
             else:
                 at_frames = options.light_hz is None

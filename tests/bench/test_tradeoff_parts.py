@@ -184,7 +184,7 @@ def test_a_bench_runs_what_a_live_run_would() -> None:
             point = named_points(0)[name]
             bench = point.options(live.fps, 2, world.sensor)
             told = "spp", "probe_spp", "probe_every", "first_hit_rays", "light_cache", "fires_at", "sampler", "noise"
-            for field in (*told, "stored_paths", "lamp_paths", "follow_every"):
+            for field in (*told, "stored_paths", "lamp_paths", "follow_every", "first_frame_error"):
                 assert getattr(bench, field) == getattr(live.render, field), (name, field)
             assert point.detector.config(world.sensor) == live.detector
 

@@ -125,7 +125,7 @@ def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:
 @pytest.mark.parametrize("scene", ["two-boxes", "cornell", "moving-light", "still"])
 def test_no_setting_follows_the_scene(scene: str) -> None:
     """A quality is one row of one table, whatever moves."""
-    following = "stored_paths", "lamp_paths", "follow_every"
+    following = "stored_paths", "lamp_paths", "follow_every", "first_frame_error"
     for name, point in QUALITIES.items():
         stages = plan_stages(options(scene=scene, quality=name))
         assert stages.options.point == point

@@ -39,6 +39,7 @@ class Rendering:
     stored_paths: int = 64
     lamp_paths: int = 128
     follow_every: int = 6
+    first_frame_error: float = 0.28
 
     def options(self, fps: float, frames: int) -> RenderOptions:
         """Return the renderer's options for so many frames."""
@@ -54,6 +55,7 @@ class Rendering:
             stored_paths=self.stored_paths,
             lamp_paths=self.lamp_paths,
             follow_every=self.follow_every,
+            first_frame_error=self.first_frame_error,
             fps=fps,
             frames=frames,
         )
@@ -166,6 +168,7 @@ def _of_live(live: quality.Point, seed: int) -> Point:
         stored_paths=live.stored_paths,
         lamp_paths=live.lamp_paths,
         follow_every=live.follow_every,
+        first_frame_error=live.first_frame_error,
     )
     config = DetectorConfig(live.method, window=live.window)
     values: dict[str, Any] = {

@@ -8,26 +8,25 @@ import numpy as np
 import numpy.typing as npt
 
 PASSES_OF_FIRST = 2
-"""Times that the first frame is rendered, at least: nothing was known when it was rendered first …"""
-_KNOWN_AT_FIRST = 0.28
-"""… and until the paths of a pixel alone know the light to this part: what is learnt first helps all frames. …"""
+"""Times that the first frame is rendered, at least: nothing was known when it was rendered first."""
 _FEW = 2
 """Paths of a pixel that tell how much they differ, at least."""
-_MOST_AT_FIRST = 160
-"""… Paths of a pixel, at most, until then."""
+_NOISIEST = 12.5
+"""Relative variance of a path, at most: light that a few paths in thousands find would take a start for ever."""
 
 
-def passes_of_first(lights: npt.NDArray[np.float32], positions: npt.NDArray[np.float32]) -> int:
+def passes_of_first(lights: npt.NDArray[np.float32], positions: npt.NDArray[np.float32], error: float) -> int:
     """Return how many times the first frame is rendered, so that memory for the paths of one pass is enough.
 
     Args:
         lights: what the paths of the first pass found ``[paths, pixels, 3]``.
         positions: where they began ``[paths, pixels, 4]``; the last number is 0 where they hit nothing.
+        error: relative standard error of the light by a pixel's own paths, which is enough.
     """
     if len(lights) < _FEW:
         return PASSES_OF_FIRST
-    wanted = _relative_variance(lights, positions[..., 3] > 0) / _KNOWN_AT_FIRST**2
-    return max(math.ceil(min(wanted, _MOST_AT_FIRST) / len(lights)), PASSES_OF_FIRST)
+    wanted = min(_relative_variance(lights, positions[..., 3] > 0), _NOISIEST) / error**2
+    return max(math.ceil(wanted / len(lights)), PASSES_OF_FIRST)
 
 
 def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bool_]) -> float:

@@ -93,6 +93,7 @@ class LightCacheHost:
         primary_setup: PrimarySetup,
         pace_hz: float | None,
         event: Any,
+        first_frame_error: float,
         duplicate_every: int,
         store: PathStore | None,
         device: Any,
@@ -106,6 +107,7 @@ class LightCacheHost:
             primary_setup: what primary rays see.
             pace_hz: see `RenderOptions.light_hz`.
             event: a `NextEvent`: what pixels fire at; thresholds are 0 where nobody knows.
+            first_frame_error: see there too.
             duplicate_every: see there too.
             store: paths that follow the light, None where nothing but the camera moves.
             device: Warp's device.
@@ -128,6 +130,7 @@ class LightCacheHost:
         self._found_more = False
         self._finest = _finest_of(effort)
         self._passes = PASSES_OF_FIRST
+        self._first_frame_error = first_frame_error
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells, self._told = self._table(
             1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
@@ -288,7 +291,8 @@ class LightCacheHost:
         self._found_more = True
         self._frames += 1
         if self._frames == 1:
-            self._passes = passes_of_first(self._found["out_lights"].numpy(), self._found["out_positions"].numpy())
+            lights, positions = (self._found[f"out_{name}"].numpy() for name in ("lights", "positions"))
+            self._passes = passes_of_first(lights, positions, self._first_frame_error)
         if self._store is not None:
             # As long as all is where these paths met it.
             self._learn()
