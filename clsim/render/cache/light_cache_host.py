@@ -26,7 +26,7 @@ from clsim.scene import Sensor
 
 KNOWN = 43.0
 """Where fewer paths than these tell of the light, a pixel traces all its paths …"""
-_KNOWN_IN_FINEST = 16.0
+_KNOWN_IN_FINEST = 64.0
 """… and where fewer tell of it in the finest cells, if the cache holds direct light: what comes into view is soon known
 too."""
 _CELL_PX = 2.0
