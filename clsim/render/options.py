@@ -143,13 +143,13 @@ class RenderOptions:
         ):
             if count > limit:
                 raise InputError(f"`{option}` must be at most {limit}, got {count}")
-        for option, value in (
+        for option, rate in (
             ("fps", self.fps),
             ("light_hz", self.light_hz),
             ("first_frame_error", self.first_frame_error),
         ):
-            if value is not None and not 0 < value < float("inf"):
-                raise InputError(f"`{option}` must be a positive number, got {value}")
+            if rate is not None and not 0 < rate < float("inf"):
+                raise InputError(f"`{option}` must be a positive number, got {rate}")
         if not 0 <= self.seed <= _LARGEST_SEED:
             raise InputError(f"`seed` must be from 0 to 2^64 - 1, got {self.seed}")
         for name in self.truth:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precision
@@ -43,22 +43,9 @@ class Rendering:
 
     def options(self, fps: float, frames: int) -> RenderOptions:
         """Return the renderer's options for so many frames."""
-        return RenderOptions(
-            spp=self.spp,
-            noise=self.noise,
-            seed=self.seed,
-            sampler=self.sampler,
-            probe_spp=self.probe_spp,
-            probe_every=self.probe_every,
-            first_hit_rays=self.first_hit_rays,
-            light_cache=self.sampling == "cached",
-            stored_paths=self.stored_paths,
-            lamp_paths=self.lamp_paths,
-            follow_every=self.follow_every,
-            first_frame_error=self.first_frame_error,
-            fps=fps,
-            frames=frames,
-        )
+        settings = asdict(self)
+        cached = settings.pop("sampling") == "cached"
+        return RenderOptions(**settings, light_cache=cached, fps=fps, frames=frames)
 
     @property
     def label(self) -> str:
@@ -69,7 +56,7 @@ class Rendering:
         if self.sampler != "pcg":
             parts.append(self.sampler)
         if self.sampling != "adaptive" and self.probe_spp is not None:
-            parts.append("kept")
+            parts.append("cached")
         if self.first_hit_rays:
             parts.append(f"+ {self.first_hit_rays} first hits")
         return " ".join(parts)
@@ -156,20 +143,10 @@ def named_points(seed: int) -> dict[str, Point]:
 
 def _of_live(live: quality.Point, seed: int) -> Point:
     """Return the point of a sweep that does what a live run does."""
-    rendering = Rendering(
-        live.spp,
-        live.noise,
-        seed,
-        live.sampler,
-        live.sampling,
-        probe_spp=live.probe_spp if live.sampling != "uniform" else None,
-        first_hit_rays=live.first_hit_rays,
-        probe_every=live.probe_every,
-        stored_paths=live.stored_paths,
-        lamp_paths=live.lamp_paths,
-        follow_every=live.follow_every,
-        first_frame_error=live.first_frame_error,
-    )
+    settings = {field.name: getattr(live, field.name) for field in fields(Rendering) if field.name != "seed"}
+    if live.sampling == "uniform":
+        settings["probe_spp"] = None
+    rendering = Rendering(seed=seed, **settings)
     config = DetectorConfig(live.method, window=live.window)
     values: dict[str, Any] = {
         "gate": live.gate,
