@@ -93,10 +93,10 @@ def test_noisy_light_gets_more_paths_before_the_first_frame_is_seen():
     assert found[0] == 2 * 4 and 40 < found[1] <= 4 / 0.28**2 + 4
 
 
-def test_what_seemed_black_comes_to_light_without_events(monkeypatch):
+def test_what_seemed_black_comes_to_light_without_events():
     """Where no path had found light, the first that does tells of it, and of no change."""
-    monkeypatch.setattr(first_frame, "_MOST_AT_FIRST", 16)  # or all is found before the first frame is seen
-    run = Run(dim_room(), spp=4, probe_spp=1, probe_every=2, first_hit_rays=8, light_cache=True)
+    # With a smaller error all is found before the first frame is seen.
+    run = Run(dim_room(), probe_every=2, first_hit_rays=8, first_frame_error=0.5, **CACHED)
     seen = np.array([np.log(np.maximum(luminance(run.fill(index)), 1e-4)) for index in range(40)])
     assert (seen[0] < np.log(2e-4)).sum() > 10
     assert np.abs(np.diff(seen, axis=0)).max() < 1e-5
@@ -242,7 +242,7 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
             self._now = value
 
     cache_host = Doubling(
-        4, 3, Effort(2, 1, 8), effort.PrimarySetup((0.01, 0.0), sharp=True), None, UNTOLD, 0, None, "cpu"
+        4, 3, Effort(2, 1, 8), effort.PrimarySetup((0.01, 0.0), sharp=True), None, UNTOLD, 0.28, 0, None, "cpu"
     )
     for index in range(3):
         changed, paths = cache_host.prepare(index, 1_000 * index)
