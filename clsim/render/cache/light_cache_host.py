@@ -11,7 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.cache.cached_light import Gathering
-from clsim.render.cache.first_frame import PASSES_OF_FIRST, passes_of_first
+from clsim.render.cache.first_frame import paths_wanted
 from clsim.render.cache.light_cache import LEVELS, Asked, Cell, Followed
 from clsim.render.cache.light_grid import BLOCK
 from clsim.render.cache.light_updates import SUMS, build_updates
@@ -26,9 +26,11 @@ from clsim.scene import Sensor
 
 KNOWN = 43.0
 """Where fewer paths than these tell of the light, a pixel traces all its paths …"""
-_KNOWN_IN_FINEST = 64.0
-"""… and where fewer tell of it in the finest cells, if the cache holds direct light: what comes into view is soon known
-too."""
+_KNOWN_IN_FINEST = 16.0
+"""… and where fewer than these, or than tell of a pixel in the first frame, tell of it in the finest cells, if the
+cache holds direct light: what comes into view is soon known too."""
+_PASSES_OF_FIRST = 2
+"""Times that the first frame is rendered, at least: nothing was known when it was rendered first."""
 _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
 _FINEST_IF_SMOOTH = 2
@@ -129,7 +131,7 @@ class LightCacheHost:
         self._update = 0
         self._found_more = False
         self._finest = _finest_of(effort)
-        self._passes = PASSES_OF_FIRST
+        self._passes, self._wanted = _PASSES_OF_FIRST, 0.0
         self._first_frame_error = first_frame_error
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells, self._told = self._table(
@@ -215,7 +217,7 @@ class LightCacheHost:
         if last:
             self._gathering.event = self._event
         self._gathering.known = KNOWN
-        self._gathering.in_finest = _KNOWN_IN_FINEST if self._finest == 0 else 0.0
+        self._gathering.in_finest = max(self._wanted, _KNOWN_IN_FINEST) if self._finest == 0 else 0.0
         self._gathering.lamps = self._primary_setup.lamps
         if self._frames < self._passes and self._finds_all:
             self._gathering.in_finest = _NEVER
@@ -292,7 +294,8 @@ class LightCacheHost:
         self._frames += 1
         if self._frames == 1:
             lights, positions = (self._found[f"out_{name}"].numpy() for name in ("lights", "positions"))
-            self._passes = passes_of_first(lights, positions, self._first_frame_error)
+            self._wanted = paths_wanted(lights, positions, self._first_frame_error)
+            self._passes = max(math.ceil(self._wanted / len(lights)), _PASSES_OF_FIRST)
         if self._store is not None:
             # As long as all is where these paths met it.
             self._learn()
