@@ -266,16 +266,17 @@ def test_where_time_stands_still_it_does_not_begin_again() -> None:
     assert times == [0, 1000, 1000, 2000]
 
 
-def test_where_time_goes_back_it_begins_at_0_again() -> None:
+@pytest.mark.parametrize(("begun_s", "again_s"), [(5.0, 2.0), (5.0, 5.0005)])
+def test_where_time_goes_back_it_begins_at_0_again(begun_s: float, again_s: float) -> None:
     """As in mj_resetDataKeyframe, which may leave another time than 0."""
     model, data = load(MOVING)
-    data.time = 5.0
+    data.time = begun_s
     scene = MujocoScene(model, data, resolution=(8, 6))
     with clsim.Simulator(scene.world, clock="caller", quality="draft") as run:
         mujoco.mj_step(model, data)
         assert scene.follow(run) == 1000
         mujoco.mj_resetData(model, data)
-        data.time = 2.0
+        data.time = again_s
         run.reset()
         assert scene.follow(run) == 0
         mujoco.mj_step(model, data)
