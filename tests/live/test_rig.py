@@ -137,5 +137,8 @@ def test_a_rigs_summaries_say_whether_it_was_interrupted(
         raise ends
 
     monkeypatch.setattr(live_rig, "run_all", run)
-    assert run_rig(open_rig(LiveOptions(rig(tmp_path), quality="draft")), as_json=True) == status
-    assert [each["interrupted"] for each in json.loads(capsys.readouterr().out)] == [status == INTERRUPTED] * 2
+    sessions = open_rig(LiveOptions(rig(tmp_path, "resolution = [40, 30]"), quality="draft"))
+    assert run_rig(sessions, as_json=True) == status
+    summaries = json.loads(capsys.readouterr().out)
+    assert [each["interrupted"] for each in summaries] == [status == INTERRUPTED] * 2
+    assert [(each["width"], each["height"]) for each in summaries] == [(32, 24), (40, 30)]

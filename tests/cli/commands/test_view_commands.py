@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
@@ -40,7 +41,8 @@ def recording(tmp_path: Path) -> Path:
 
 def test_convert(clsim: Callable[..., object], recording: Path, tmp_path: Path) -> None:
     outcome = clsim("convert", recording, tmp_path / "events.txt")
-    assert outcome.status == 0 and outcome.stdout == "" and "2,000 events" in outcome.stderr
+    assert outcome.status == 0 and outcome.stdout == ""
+    assert f"2,000 events up to {EVENTS['t'][-1] / 1e6:.6f} s" in outcome.stderr
     assert np.array_equal(np.concatenate(list(library.open(tmp_path / "events.txt"))), EVENTS)
 
 
@@ -86,9 +88,9 @@ def test_a_picture_after_the_end_is_refused_with_the_length(
 def test_pictures_longer_than_the_recording_are_told(
     clsim: Callable[..., object], recording: Path, tmp_path: Path
 ) -> None:
-    said = "--accumulate 500 is longer than the recording"
-    for arguments, longer in (("--accumulate", "500"), True), ((), False):
-        outcome = clsim("view", recording, "--to", tmp_path / "a.png", *arguments)
+    for accumulate, longer in (("500", True), ("33ms", False)):
+        outcome = clsim("view", recording, "--to", tmp_path / "a.png", "--accumulate", accumulate)
+        said = f"--accumulate {accumulate} is longer than the recording"
         assert outcome.status == 0 and (said in outcome.stderr) == longer
 
 
@@ -248,6 +250,22 @@ def test_a_recording_plays_in_a_terminal(recording: Path) -> None:
     assert status == 0
     assert "▀" in printed and "38;2;" in printed and "events.aedat4" in printed
     assert printed.count("\x1b[?2026h") > 1 and printed.rstrip().endswith("\x1b[?25h")
+
+
+def test_slow_motion_in_a_terminal_takes_its_time(
+    clsim: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """About 20 ms of events, twenty times slower."""
+    monkeypatch.setattr("clsim.cli.commands.view.check", lambda where: None)  # here is no terminal
+    events = random_events(200, 20, 10, end_us=20_000)
+    sink = open_sink(tmp_path / "a.aedat4", 20, 10)
+    sink.write(events, end_of(events))
+    sink.close()
+    view = ("view", tmp_path / "a.aedat4", "--view", "terminal", "--speed")
+    clsim(*view, "1")  # loads what is needed
+    start_s = time.monotonic()
+    assert clsim(*view, "0.05").status == 0
+    assert time.monotonic() - start_s > 0.9 * 20 * int(np.ptp(events["t"])) / 1e6
 
 
 def test_a_live_run_shows_itself_in_a_terminal() -> None:

@@ -82,6 +82,18 @@ def test_what_was_lost_is_always_told(session: Session) -> None:
     motion = {"largest_px": 0.5, "fast_pairs": 0, "lost_pairs": 2, "pairs": 9}
     text = told_at_the_end(session, motion=motion)
     assert "clsim: in 2 pairs of frames nothing is found again" in text and "what is seen moves" not in text
+    text = told_at_the_end(session, motion={"largest_px": 2.46, "fast_pairs": 1234, "lost_pairs": 0, "pairs": 5678})
+    assert "moves by up to 2.5 pixels from one frame to the next, and by more than 1 in 1,234 of 5,678 pairs" in text
+    assert "nothing is found again" not in text
+
+
+def test_each_loss_is_told_alone(session: Session) -> None:
+    busy, dark = "1,234 events were lost in the sensor's readout", "clsim: here is no light"
+    losses = {"events": 0, "lost_events": 0, "capped_events": 0, "too_dark": None}
+    for changes, said in (({}, []), ({"lost_events": 1234}, [busy]), ({"events": 9, "too_dark": dark[7:]}, [dark])):
+        text = told_at_the_end(session, terminal=False, **(losses | changes))
+        assert [sentence for sentence in (busy, dark) if sentence in text] == said
+        assert text.count("clsim:") == len(said)
 
 
 def test_noise_is_told_where_it_is_more_than_a_tenth(session: Session) -> None:
