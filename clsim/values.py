@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
 import math
 import os
 import sys
 import types
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
@@ -30,8 +32,11 @@ def read_text(path: Path, most_bytes: int, expected: str, name: str | None = Non
     """
     name = name or str(path)
     try:
-        with path.open("rb") as file:
-            data = file.read(most_bytes + 1)
+        if path.suffix == ".gz":
+            data = unzipped(path, most_bytes)
+        else:
+            with path.open("rb") as file:
+                data = file.read(most_bytes + 1)
         if len(data) > most_bytes:
             raise InputError(f"{name}: is larger than {most_bytes >> 20} MiB, expected {expected}")
         return data.decode("utf-8-sig").replace("\r\n", "\n")
@@ -39,6 +44,20 @@ def read_text(path: Path, most_bytes: int, expected: str, name: str | None = Non
         raise InputError(f"{name}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: is not UTF-8 text (byte {error.start})") from None
+
+
+def unzipped(path: Path, most_bytes: int) -> bytes:
+    """Return what a file of gzip holds, and at most one byte more than ``most_bytes``: a small file may hold a lot.
+
+    Raises:
+        OSError: it cannot be read.
+        InputError: it is damaged.
+    """
+    try:
+        with gzip.open(path) as file:
+            return file.read(most_bytes + 1)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: is damaged, or is no gzip file ({error})") from None
 
 
 def hint(name: str, known: Iterable[str]) -> str:

@@ -24,6 +24,7 @@ from clsim.scene.meshes.obj_plain import read_plain_obj, unit_normals
 from clsim.scene.parts import Parts
 from clsim.scene.pictures.images import PixelBudget, decode_srgb, unpack_rgba
 from clsim.scene.world import IDENTITY, ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
+from clsim.values import unzipped
 
 MAX_FILE_BYTES = 1 << 30
 F64 = npt.NDArray[np.float64]
@@ -101,9 +102,11 @@ def load_triangles(path: Path) -> Mesh:
 
 def _data(path: Path) -> bytes:
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
+        zipped = path.suffix == ".gz"
+        data = unzipped(path, MAX_FILE_BYTES) if zipped else b""
+        if max(len(data), path.stat().st_size) > MAX_FILE_BYTES:
             raise InputError(f"{path}: is larger than {MAX_FILE_BYTES >> 30} GiB, expected a smaller mesh file")
-        return path.read_bytes()
+        return data if zipped else path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
 
@@ -111,7 +114,7 @@ def _data(path: Path) -> bytes:
 def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, Any]:
     """Return trimesh's meshes of a file by name."""
     data = _data(path)
-    suffix = path.suffix.lower()
+    suffix = Path(path.name.removesuffix(".gz")).suffix.lower()
     libraries: list[str] = []
     declared: dict[str, int] = {}
     if suffix == ".ply":

@@ -33,7 +33,6 @@ IGNORED = (
     "ColorSpace",
     "Integrator",
     "MakeNamedMedium",
-    "Option",
     "PixelFilter",
     "Sampler",
 )
@@ -248,6 +247,10 @@ class _Reader:
         if token is not None and token.quoted:
             self.tokens.take()
         self._warn("media are left out")
+
+    def _do_Option(self) -> None:  # noqa: N802
+        self.tokens.string()  # its type and name in one; unlike other directives it has no name of its own before
+        self.tokens.take("an option's value")
 
     def _do_Include(self) -> None:  # noqa: N802
         name = self.tokens.string()

@@ -1,5 +1,6 @@
 """pbrt value by value: defaults and formulas of pbrt-v4's file format and book."""
 
+import gzip
 import math
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from clsim.errors import InputError
 from clsim.scene import load_world
 from clsim.scene.pictures.images import decode_srgb
-from tests.scene.pbrt.test_pbrt import TRIANGLE, corners, load, scene
+from tests.scene.pbrt.test_pbrt import HEAD, TRIANGLE, corners, load, scene
 
 
 def surface(tmp_path, material, before=""):
@@ -216,3 +217,43 @@ def test_light_goes_to_and_fro_below_a_coat(tmp_path):
 def test_a_coated_conductor_has_its_reflectance_by_either_name(tmp_path, name):
     _, found = surface(tmp_path, f'"coatedconductor" "rgb {name}" [0.2 0.4 0.6]')
     assert (found.kind, found.color, found.eta) == ("conductor", (0.2, 0.4, 0.6), None)
+
+
+@pytest.mark.parametrize("told", ['"string rendercoordsys" "world"', '"bool disablepixeljitter" true', '"seed" 7'])
+def test_options_have_a_value_and_no_name_of_their_own(tmp_path, told):
+    """An option is its type and name in one string, and one value (file format, "Options")."""
+    assert len(load(tmp_path, TRIANGLE, HEAD + f"Option {told}\n").instances) == 1
+
+
+PLY = b"""ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+"""
+
+
+def test_meshes_and_included_files_may_be_packed(tmp_path):
+    """pbrt-v4 reads any file of its own and any PLY through gzip if the name ends in .gz."""
+    (tmp_path / "mesh.ply.gz").write_bytes(gzip.compress(PLY))
+    (tmp_path / "part.pbrt.gz").write_bytes(gzip.compress(b'Shape "plymesh" "string filename" "mesh.ply.gz"\n'))
+    np.testing.assert_array_equal(
+        corners(load(tmp_path, 'Include "part.pbrt.gz"\n')), corners(load(tmp_path, TRIANGLE))
+    )
+
+
+@pytest.mark.parametrize("data", [gzip.compress(PLY)[:-20], b"\x1f\x8b\x08\x00" + bytes(6) + b"\xff" * 9, PLY])
+@pytest.mark.parametrize("told", ['Include "a.gz"', 'Shape "plymesh" "string filename" "a.ply.gz"'])
+def test_damaged_packed_files_are_named(tmp_path, told, data):
+    for name in ("a.gz", "a.ply.gz"):
+        (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match=r"a(\.ply)?\.gz: is damaged"):
+        load(tmp_path, told + "\n" + TRIANGLE)
