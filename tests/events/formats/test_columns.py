@@ -274,3 +274,11 @@ def test_a_units_name_tells_how_many_of_it_are_a_second(
     for unit in units:
         (tmp_path / "a.csv").write_text(f"timestamp{mark.format(unit)},x,y,p\n" + "".join(f"{t},1,2,1\n" for t in told))
         assert read(tmp_path / "a.csv")["t"].tolist() == times_us, unit
+
+
+def test_hdf5_columns_may_lie_in_no_group(tmp_path):
+    """As in the EDS data set: p, t, x, y at the top, beside the index of milliseconds."""
+    with h5py.File(tmp_path / "events.h5", "w") as file:
+        for name, column in {**GOOD, "ms_to_idx": np.arange(100)}.items():
+            file[name] = column
+    np.testing.assert_array_equal(read(tmp_path / "events.h5"), EVENTS)

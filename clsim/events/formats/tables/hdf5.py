@@ -114,11 +114,13 @@ def open_source(path: Path, labels: Labels = ()) -> EventSource:
     """Open an HDF5 file in DSEC layout; events that a kill left without ``labels`` are not read.
 
     Layouts of others, by what they have: event_utils' columns ``events/xs`` … with ts in seconds; v2e's ``events``
-    ``[N, 4]`` of t, x, y, p; tables with named fields, such as OpenEB's ``CD/events``.
+    ``[N, 4]`` of t, x, y, p; tables with named fields, such as OpenEB's ``CD/events``;
+    columns in no group, as in the EDS data set.
     """
     open_binary(path).close()
     file = h5py.File(path, "r")
-    found = file["CD/events"] if "CD/events" in file else file.get("events")
+    unwrapped = file if find_columns(file) else None  # columns without a group around them
+    found = file["CD/events"] if "CD/events" in file else file.get("events", unwrapped)
     if isinstance(found, h5py.Dataset):
         _need_filters(path, found)
         if found.dtype.names is None and not (found.ndim == 2 and found.shape[1] == 4):
