@@ -319,6 +319,8 @@ class _Reader:
         if mesh is None:
             self._warn(f"shapes of type {kind} are left out")
             return
+        if "displacement" in parameters.found:
+            self._warn(f"the displacement of a {kind} is left out")
         if not len(mesh.triangles):
             return
         if self.state.reversed:

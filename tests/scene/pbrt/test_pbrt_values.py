@@ -257,3 +257,9 @@ def test_damaged_packed_files_are_named(tmp_path, told, data):
         (tmp_path / name).write_bytes(data)
     with pytest.raises(InputError, match=r"a(\.ply)?\.gz: is damaged"):
         load(tmp_path, told + "\n" + TRIANGLE)
+
+
+def test_displacement_is_left_out_with_a_warning(tmp_path):
+    (tmp_path / "mesh.ply").write_bytes(PLY)
+    world = load(tmp_path, 'Shape "plymesh" "string filename" "mesh.ply" "texture displacement" "bumps"\n')
+    assert "scene.pbrt: the displacement of a plymesh is left out" in world.warnings
