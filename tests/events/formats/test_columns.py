@@ -175,8 +175,32 @@ def test_text_is_read_however_people_write_it(tmp_path: Path, name: str, text: s
     assert np.array_equal(found.read(), EVENTS)
 
 
-@pytest.mark.parametrize("order", [(1, 2, 3, 0), (1, 2, 0, 3), (0, 2, 1)])
-@pytest.mark.parametrize("ending", [".csv", ".txt", ".npy"])
+@pytest.mark.parametrize("mark", ["", "%geometry:240,180\n", "%geometry:240,180\nx,y,polarity,timestamp_us\n"])
+@pytest.mark.parametrize("count", [1, 3, COUNT])
+def test_metavisions_order_is_known_where_it_cannot_be_another(tmp_path: Path, mark: str, count: int) -> None:
+    """x, y, p, t, as metavision_file_to_csv writes it; with a first line, also where t could be a polarity."""
+    events = EVENTS[:count].copy()
+    if mark:
+        events["t"][0] = 1
+    rows = events[["x", "y", "on", "t"]].tolist()
+    (tmp_path / "a.csv").write_text(mark + "".join(f"{x},{y},{p:d},{t}\n" for x, y, p, t in rows) + "12,3")
+    found = open_source(tmp_path / "a.csv")
+    assert (found.width, found.height) == ((240, 180) if mark else (None, None))
+    np.testing.assert_array_equal(found.read(), events)
+
+
+@pytest.mark.parametrize("polarity", ["0", "1", "-1", "1.0", "+1"])
+def test_rows_at_the_top_of_the_sensor_are_no_polarities(tmp_path: Path, polarity: str) -> None:
+    (tmp_path / "a.csv").write_text(f"5,7,1,{polarity}\n6,8,0,{polarity}\n")
+    found = read(tmp_path / "a.csv")
+    assert (found["t"].tolist(), found["x"].tolist(), found["y"].tolist()) == ([5, 6], [7, 8], [1, 0])
+
+
+@pytest.mark.parametrize(
+    ("ending", "order"),
+    [(ending, order) for ending in (".csv", ".txt", ".npy") for order in ((1, 2, 0, 3), (0, 2, 1))]
+    + [(".npy", (1, 2, 3, 0))],
+)
 def test_columns_without_names_in_another_order_are_refused(
     tmp_path: Path, ending: str, order: tuple[int, ...]
 ) -> None:

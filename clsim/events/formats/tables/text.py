@@ -10,7 +10,7 @@ import codecs
 import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -61,6 +61,7 @@ def open_source(path: Path) -> EventSource:
     A first line of names, also behind a ``#``, tells the order of the columns, and the unit of t where it has one
     (``timestamp [ns]``, ``t_s``). Otherwise t is in seconds where it has a decimal point, else in µs. A first line of
     two numbers is the sensor's width and height. Other lines that begin with ``#`` are skipped; p is on where it is 1.
+    Metavision's order ``x,y,p,t`` is known by its first line ``%geometry:640,480``, or by its third column of 0 and 1.
     """
     with open_binary(path) as file:
         start = file.read(_CHUNK_BYTES)
@@ -102,6 +103,7 @@ class _Table:
         names: dict[str, str] | None = None
         order: list[str] = []
         size: tuple[int | None, int | None] = (None, None)
+        by_metavision = False
         skip = 0
         for k, row in rows:
             words = _fields(re.sub(r"^#[#\s]*(\w+:\s)?", "", row), _separator(row))
@@ -111,6 +113,11 @@ class _Table:
             elif re.fullmatch(r"[1-9]\d{0,4}\s+[1-9]\d{0,4}", row):
                 width, height = map(int, row.split())
                 size, skip = (width, height), k + 1
+            elif row.startswith("%"):
+                geometry = re.fullmatch(r"%geometry:([1-9]\d{0,4}),([1-9]\d{0,4})", row)
+                if geometry is not None:
+                    size, by_metavision = (int(geometry[1]), int(geometry[2])), True
+                skip = k + 1
             elif not row.startswith("#"):
                 if not re.search("[0-9]", row) or re.search("[a-df-zA-DF-Z_]{2}", words[0]):
                     raise ValueError(f"line {k + 1} names the columns {', '.join(words)[:80]}; expected t, x, y and p")
@@ -118,11 +125,26 @@ class _Table:
         data = [row for k, row in rows if k >= skip and not row.startswith("#")]
         separator = _separator(data[0]) if data else None
         plain = [_plain(word) for word in order]
-        columns = (0, 1, 2, 3) if names is None else tuple(plain.index(names[name]) for name in NAMES)
+        if names is not None:
+            columns = tuple(plain.index(names[name]) for name in NAMES)
+        elif by_metavision or _ends_in_time(data, separator):
+            columns = (3, 0, 1, 2)
+        else:
+            columns = (0, 1, 2, 3)
         times = [_fields(row, separator)[columns[0] : columns[0] + 1] for row in data]
         fractions = any(sign in word for time in times for word in time for sign in ".eE")
         unit = _unit(order[columns[0]]) if names is not None else None
         return cls(columns, separator, unit or (1e6 if fractions else 1.0), fractions, skip, names is not None, size)
+
+
+def _ends_in_time(rows: list[str], separator: str | None) -> bool:
+    """Whether columns without names must be x, y, p, t: the third one has polarities, and the fourth other values."""
+    whole = [words for row in rows if len(words := _fields(row, separator)) == 4]
+    return _are_polarities(words[2] for words in whole) and not _are_polarities(words[3] for words in whole)
+
+
+def _are_polarities(words: Iterable[str]) -> bool:
+    return all(re.fullmatch(r"[+-]?[01](\.0*)?", word) for word in words)
 
 
 def _separator(line: str) -> str | None:
@@ -181,7 +203,7 @@ def _parse(path: Path, body: bytes, table: _Table, row: int) -> EventBatch:
     fractions = table.fractions or table.unit_us != 1.0
     kind = np.dtype([("t", "f8" if fractions else "i8"), ("x", "f8"), ("y", "f8"), ("p", "f8")])
     options: dict[str, Any] = {"delimiter": table.separator, "comments": "#", "ndmin": 1, "encoding": "latin-1"}
-    if table.named:
+    if table.named or table.columns[0] > 0:
         options["usecols"] = table.columns
     try:
         with warnings.catch_warnings():
