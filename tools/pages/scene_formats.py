@@ -34,7 +34,7 @@ ROWS = (
         "the first",
     ),
     (
-        "pbrt-v4 (`.pbrt`)",
+        "pbrt-v4 (`.pbrt`, and what it includes in `.pbrt.gz` and `.ply.gz`)",
         "shapes, instances, perspective and orthographic cameras that move, point, spot, distant and infinite lights,"
         " area lights",
         "media, images of area lights, other cameras, lights and shapes",

@@ -306,3 +306,15 @@ def test_hdf5_columns_may_lie_in_no_group(tmp_path):
         for name, column in {**GOOD, "ms_to_idx": np.arange(100)}.items():
             file[name] = column
     np.testing.assert_array_equal(read(tmp_path / "events.h5"), EVENTS)
+
+
+def test_an_archive_may_hold_one_array_with_fields(tmp_path):
+    """As in N-ImageNet: `event_data` with x, y, t, p."""
+    kinds = [("x", "<u2"), ("y", "<u2"), ("t", "<i8"), ("p", "?")]
+    table = np.array(list(zip(X, Y, T, P, strict=True)), kinds)
+    np.savez_compressed(tmp_path / "a.npz", event_data=table)
+    np.testing.assert_array_equal(read(tmp_path / "a.npz"), EVENTS)
+    for wrong in (table[["x", "y", "t"]], np.zeros((4, 5)), np.zeros(3), np.array(["a"]), np.zeros(2, [("t", "O")])):
+        np.savez(tmp_path / "a.npz", allow_pickle=True, event_data=wrong)
+        with pytest.raises(InputError, match="expected"):
+            read(tmp_path / "a.npz")

@@ -15,6 +15,7 @@ from clsim.events.batch import EVENT_DTYPE, EventBatch
 from clsim.events.formats.columns import find_columns, from_columns
 from clsim.events.formats.filesink import ByteFile, FileSink, FlushPolicy, Limits, PartFile
 from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
+from clsim.events.formats.tables.npy import of_array
 
 LIMITS = Limits("NPZ", size=2**16)
 
@@ -72,15 +73,35 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> NpzSin
 
 
 def open_source(path: Path) -> EventSource:
-    """Open an NPZ file with arrays t, x, y and p, or of the names that others give these."""
+    """Open an NPZ file with arrays t, x, y and p, or of the names that others give these; or with one array of fields.
+
+    One array of events, with such names for its fields, is what N-ImageNet has.
+    """
     open_binary(path).close()
     with zipfile.ZipFile(path) as archive:
         held = [name.removesuffix(".npy") for name in archive.namelist()]
         found = find_columns(held)
+        if found is None and len(held) == 1:
+            return EventSource(path, None, None, _read_one(path, held[0]))
         if found is None:
             raise damaged(path, f"it has the arrays {', '.join(held)[:80]}; expected t, x, y and p, each once")
         width, height = (_read_side(archive, name) for name in ("width", "height"))
     return EventSource(path, width, height, _read(path, found))
+
+
+def _read_one(path: Path, name: str) -> Iterator[EventBatch]:
+    with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as member:
+        shape, dtype = _read_head(member)
+        if dtype.names is None or len(shape) != 1:
+            raise ValueError(
+                f"its array {name} is of {dtype} {list(shape)}; expected fields t, x, y, p, or four arrays"
+            )
+        for start in range(0, shape[0], CHUNK_EVENTS):
+            rows = min(CHUNK_EVENTS, shape[0] - start)
+            data = member.read(rows * dtype.itemsize)
+            if len(data) < rows * dtype.itemsize:
+                raise ValueError(f"its array {name} ends early")
+            yield of_array(np.frombuffer(data, dtype), start)
 
 
 def _read_side(archive: zipfile.ZipFile, name: str) -> int | None:
@@ -118,6 +139,10 @@ def _read_head(member: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(member)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(member)
-    if dtype.kind not in "iubf":
+    if any(kind.kind not in "iubf" for kind in _kinds(dtype)):
         raise ValueError(f"its array has type {dtype}; expected numbers")
     return shape, dtype
+
+
+def _kinds(dtype: np.dtype[Any]) -> list[np.dtype[Any]]:
+    return [dtype] if dtype.fields is None else [field[0] for field in dtype.fields.values()]
