@@ -184,7 +184,7 @@ def test_samplers_and_sampling_are_axes(tmp_path: Path) -> None:
     assert pixels < cached["paths"] < pixels * 8 and 0 < cached["first_hit_rays_traced"] <= pixels * 512
     assert {row["label"] for row in results["settings"]} == {
         "4 spp common, radiance K13", "4 spp common sobol, radiance K13",
-        "1 to 8 spp each 16 frames common sobol kept + 32 first hits, esim rule linear-light",
+        "1 to 8 spp each 16 frames common sobol cached + 32 first hits, esim rule linear-light",
     }  # fmt: skip
 
 
