@@ -217,30 +217,15 @@ class Level:
 
 
 @wp.func
-def _add_cell(level: Level, weight: float, light: wp.vec3, count: float, error: float, sign: float) -> Level:
-    """Return a level with one of the cells around a point; sums are weighted by the number of paths.
-
-    Its light might be off by its ``error``, with that ``sign``.
-    """
-    after = level
-    paths = weight * count
-    after.light += light * paths
-    after.paths += paths
-    after.variance += error * error * count * paths
-    after.off += sign * error * paths
-    return after
-
-
-@wp.func
-def _finer(coarse: Level, sums: Level) -> Level:
-    """Return what coarser cells know, and those of the next finer size, of which there are ``sums``.
+def _finer(coarse: Level, sums: Level, asked: bool) -> Level:
+    """Return what coarser cells know, and, if ``asked``, those of the next finer size, of which there are ``sums``.
 
     The finer ones blur less and know fewer paths. They are trusted by as much as they differ from the coarser ones
     beyond what chance explains: with b² what is left, and v the variance of their mean, they have the weight
     b² / (b² + v), as Wiener's filter has it.
     """
     after = coarse
-    if sums.paths > 0.0:
+    if asked and sums.paths > 0.0:
         each = 1.0 / sums.paths
         known = coarse.paths + sums.paths
         # Of few paths the variance is badly known: what is told by the more paths of coarser cells has more weight.
@@ -282,6 +267,7 @@ def look_up(
     side_m = wp.pow(2.0, float(size + _LEVELS - 1))
     face = face_of(normal)
     axis = face // 2
+    aligned = wp.max(wp.abs(normal[0]), wp.max(wp.abs(normal[1]), wp.abs(normal[2]))) > _ALIGNED
     whole = Level()
     whole_before = Level()
     factor = wp.vec3(1.0, 1.0, 1.0)
@@ -293,11 +279,12 @@ def look_up(
     level = int(_LEVELS - 1)
     while level >= wp.min(finest, finest_before):
         at = in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
-        corner = wp.vec3(wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
-        part = at - corner
-        if wp.abs(normal[axis]) > _ALIGNED:
-            corner[axis] = wp.floor(at[axis] + 0.5)
-            part[axis] = 0.0
+        corner = wp.vec3()
+        part = wp.vec3()
+        for k in range(3):
+            in_layer = aligned and k == axis
+            corner[k] = wp.floor(at[k] + wp.where(in_layer, 0.5, 0.0))
+            part[k] = wp.where(in_layer, 0.0, at[k] - corner[k])
         grid = grid_of(size + level, face, layer)
         sums = Level()
         sums_before = Level()
@@ -320,12 +307,21 @@ def look_up(
                     off = float(0.0)
                     if asked.tells_error:
                         off = _sign_of(cell.key)
-                    sums = _add_cell(sums, weight, light, cell.count, error, off)
+                    # In place: a struct that is assigned anew in a branch is copied each time.
+                    count = weight * cell.count
+                    sums.light += light * count
+                    sums.paths += count
+                    sums.variance += error * error * cell.count * count
+                    sums.off += off * error * count
                     if cell.update == asked.last_update:
                         light = _tilted(cell.before, cell.tilt_before, place)
                         error = _error_at(cell.error_before, cell.tilt_before, place)
                         cell.count = cell.count_before
-                    sums_before = _add_cell(sums_before, weight, light, cell.count, error, off)
+                    count = weight * cell.count
+                    sums_before.light += light * count
+                    sums_before.paths += count
+                    sums_before.variance += error * error * cell.count * count
+                    sums_before.off += off * error * count
                     if asked.follows:
                         by = followed[row]
                         if by.stepped == asked.frame:
@@ -337,11 +333,10 @@ def look_up(
                             off_there += _sign_of(-cell.key) * by.error * (weight * by.count)
                         paths += weight * by.count
         # By the same rule in both, so that what was known before is what the last frame showed.
+        whole = _finer(whole, sums, level >= finest)
+        whole_before = _finer(whole_before, sums_before, level >= finest_before)
         if level >= finest:
-            whole = _finer(whole, sums)
             cached.in_finest = sums.paths
-        if level >= finest_before:
-            whole_before = _finer(whole_before, sums_before)
         if paths > 0.0:
             share = wp.where(told > 0.0, paths / (paths + _WANTED_STORED), 1.0)
             factor += (factors / paths - factor) * share

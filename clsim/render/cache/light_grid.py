@@ -26,11 +26,12 @@ def size_of(width_m: float) -> int:
 def face_of(normal: wp.vec3) -> int:
     """Return which of six ways a surface faces."""
     axis = int(0)
-    if wp.abs(normal[1]) > wp.abs(normal[axis]):
-        axis = 1
-    if wp.abs(normal[2]) > wp.abs(normal[axis]):
-        axis = 2
-    return 2 * axis + wp.where(normal[axis] > 0.0, 1, 0)
+    along = float(normal[0])
+    for k in range(1, 3):
+        if wp.abs(normal[k]) > wp.abs(along):
+            axis = k
+            along = normal[k]
+    return 2 * axis + wp.where(along > 0.0, 1, 0)
 
 
 @wp.func

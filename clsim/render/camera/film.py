@@ -41,19 +41,14 @@ class Sample:
     normal: wp.vec3
     position: wp.vec3
     depth: float
-    hit: bool
     uv: wp.vec2
-    front: bool
     material: int
     triangle: int
     coat: wp.vec3
     passing: float
-    in_coat: bool
-    lamp: bool
     coated_by: int
     lamp_all: float
     lamp_lit: float
-    boxed: bool
     instance: int
     rest: wp.vec3
     rest_normal: wp.vec3
@@ -63,6 +58,12 @@ class Sample:
     places: int
     facing: wp.vec3
     reach_m: float
+    # Together, so that a copy has no gaps.
+    hit: bool
+    front: bool
+    in_coat: bool
+    lamp: bool
+    boxed: bool
 
 
 @wp.struct

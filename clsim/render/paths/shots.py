@@ -14,7 +14,7 @@ from clsim.render.sampling.sobol import make_sampler
 
 
 def make_shoot_at(features: Features, trace: Any) -> Any:
-    """Return the Warp function ``shoot_at(scene, camera, settings, pixel, place, instant, stream, width)``.
+    """Return the Warp function ``shoot_at(scene, camera, settings, pixel, place, instant, stream, width, wanted)``.
 
     Args:
         features: what the kernel is built for.
@@ -33,8 +33,9 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
         instant: int,
         stream: sampling.Stream,
         width: wp.vec2,
+        wanted: bool,
     ) -> Sample:
-        """Follow a ray through a place in a pixel, whose corners are at 0 and 1.
+        """Follow a ray through a place in a pixel, whose corners are at 0 and 1, if it is ``wanted``.
 
         A primary ray sees the mean of a texture over a square: a pixel of that ``width``, if it is not 0.
         """
@@ -52,7 +53,7 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
         y = float(pixel // settings.width)
         ray = camera_ray(camera, x + place[0], y + place[1], lens, shutter)
         sample = Sample()
-        if ray.exists:
+        if wanted and ray.exists:
             sample = trace(scene, ray.origin, ray.direction, time, settings, stream, width)
         return sample
 
@@ -69,6 +70,6 @@ def make_shoot(sobol: bool, shoot_at: Any) -> Any:
         scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
     ) -> Sample:
         place = uniform2(stream, sampling.CAMERA)
-        return shoot_at(scene, camera, settings, pixel, place, instant, stream, wp.vec2())
+        return shoot_at(scene, camera, settings, pixel, place, instant, stream, wp.vec2(), True)
 
     return shoot

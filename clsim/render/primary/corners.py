@@ -12,6 +12,7 @@ from clsim.render.bsdf.coats import base_color
 from clsim.render.camera.film import Sample
 from clsim.render.kernel_input import Scene
 from clsim.render.primary.seen_surfaces import SeenSurface, lit_albedo, same_surface
+from clsim.render.primary.shadow_rays import ShadowStart
 from clsim.render.textures.texture_data import Footprint, uv_in
 
 _OFF_UV = wp.constant(0.02)
@@ -56,11 +57,10 @@ def footprint_of(corners: wp.array[Sample], nearest: int, row: int, pixel: wp.ve
 
 
 @wp.func
-def between_corners(corners: wp.array[Sample], nearest: int, row: int, place: wp.vec2, pixel: wp.vec2) -> Sample:
-    """Return where a ray meets the one triangle that all four corners see, and how that faces; nothing else."""
-    sample = Sample()
-    sample.triangle = corners[nearest].triangle
-    sample.facing = corners[nearest].facing
+def between_corners(corners: wp.array[Sample], nearest: int, row: int, place: wp.vec2, pixel: wp.vec2) -> ShadowStart:
+    """Return where a ray meets the one triangle that all four corners see."""
+    start = ShadowStart()
+    start.facing = corners[nearest].facing
     total = 0.0
     for i in range(4):
         k = nearest + (i & 1) + (i // 2) * row
@@ -69,12 +69,12 @@ def between_corners(corners: wp.array[Sample], nearest: int, row: int, place: wp
         # Perspective is linear in the inverse of the distance.
         weight /= wp.where(pixel[0] > 0.0, corners[k].depth, 1.0)
         total += weight
-        sample.position += weight * corners[k].position
-        sample.normal += weight * corners[k].normal
-        sample.reach_m = wp.max(sample.reach_m, corners[k].reach_m)
-    sample.position = sample.position / total  # type: ignore[assignment]
-    sample.normal = wp.normalize(sample.normal)  # type: ignore[assignment]
-    return sample
+        start.position += weight * corners[k].position
+        start.normal += weight * corners[k].normal
+        start.reach_m = wp.max(start.reach_m, corners[k].reach_m)
+    start.position = start.position / total  # type: ignore[assignment]
+    start.normal = wp.normalize(start.normal)  # type: ignore[assignment]
+    return start
 
 
 @wp.func

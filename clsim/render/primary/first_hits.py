@@ -41,6 +41,7 @@ from clsim.render.primary.shadow_rays import (
     are_told,
     next_that_differs,
     off_straight,
+    start_at,
     straight,
 )
 from clsim.render.sampling import sampling
@@ -151,7 +152,7 @@ def make_sample_primary(
         edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
         coats: whether some surfaces have a coat, whose light the cache holds separately.
         records: whether it records which rays reached the lamps, and ``shadows`` tell it of the frames around.
-        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, width) -> Sample``.
+        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, width, wanted) -> Sample``.
         shadow_ray: of `make_shadow_ray`, which goes on from there to a lamp; None where direct light is not analytic.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
         mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface; None without textures.
@@ -338,14 +339,13 @@ def make_sample_primary(
             if wp.static(shadow_ray is not None):
                 if corner < 0 and not places and edge.shaded and edge.alone and (edge.plain or edge.flat):
                     on_triangle = edge.whole or inside >= primary_in_shadow(primary_rays)
-            sample = Sample()
-            if on_triangle:
-                sample = between_corners(corners, nearest, row, place, primary_rays.pixel)
-            else:
-                sample = shoot_at(scene, camera, settings, at, place, instant, stream, width)
+            sample = shoot_at(scene, camera, settings, at, place, instant, stream, width, not on_triangle)
             if wp.static(shadow_ray is not None):
-                if to_lamps != AT_NONE and sample.reach_m > 0.0:
-                    light = shadow_ray(scene, sample, to_lamps, stream, float(instant))
+                start = start_at(sample)
+                if on_triangle:
+                    start = between_corners(corners, nearest, row, place, primary_rays.pixel)
+                if to_lamps != AT_NONE and start.reach_m > 0.0:
+                    light = shadow_ray(scene, start, to_lamps, stream, float(instant))
                     sample.lamp_all = light[0]
                     sample.lamp_lit = light[1]
             if wp.static(edges):
@@ -359,7 +359,7 @@ def make_sample_primary(
                     number = begin_surface(surfaces, number, corners[edge.second])
             else:
                 if wp.static(records):
-                    if sample.triangle != shadow.triangle:
+                    if not on_triangle and sample.triangle != shadow.triangle:
                         shadow.triangle = 0
                         if told:
                             # Something else came over the pixel: all rays are needed.

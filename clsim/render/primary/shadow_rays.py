@@ -112,25 +112,46 @@ def _rim_place(corner: int) -> wp.vec2:
     return wp.vec2(wp.where(corner == 3, 0.02, 0.98), wp.min(0.05 + 0.33 * float(corner), 0.98))
 
 
-def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibility: Any) -> Any:
-    """Return the Warp function ``shadow_ray(scene, sample, to_lamps, stream, time) -> wp.vec2``.
+@wp.struct
+class ShadowStart:
+    """Where shadow rays start: a place, its shading normal, how its triangle faces, and its largest coordinate."""
 
-    It goes from what a primary ray saw to a place on a lamp. It returns the luminance of that light if nothing stood
+    position: wp.vec3
+    normal: wp.vec3
+    facing: wp.vec3
+    reach_m: float
+
+
+@wp.func
+def start_at(sample: Sample) -> ShadowStart:
+    """Return where shadow rays start from what a primary ray saw."""
+    start = ShadowStart()
+    start.position = sample.position
+    start.normal = sample.normal
+    start.facing = sample.facing
+    start.reach_m = sample.reach_m
+    return start
+
+
+def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibility: Any) -> Any:
+    """Return the Warp function ``shadow_ray(scene, start, to_lamps, stream, time) -> wp.vec2``.
+
+    It goes to a place on a lamp. It returns the luminance of that light if nothing stood
     between, over the density of the place, and what of it arrives. Of the lamps alone: which rays meet the bright
     squares of a texture makes no shadow.
     """
     uniform2 = make_sampler(features.sobol)
 
     @wp.func(inline=True)
-    def shadow_ray(scene: Scene, sample: Sample, to_lamps: int, stream: sampling.Stream, time: float) -> wp.vec2:
+    def shadow_ray(scene: Scene, start: ShadowStart, to_lamps: int, stream: sampling.Stream, time: float) -> wp.vec2:
         point = Surface()
-        point.position = sample.position
-        point.normal = sample.facing
-        point.shading_normal = sample.normal
-        point.reach_m = sample.reach_m
+        point.position = start.position
+        point.normal = start.facing
+        point.shading_normal = start.normal
+        point.reach_m = start.reach_m
         to = Receiver()
-        to.position = sample.position
-        to.normal = sample.normal
+        to.position = start.position
+        to.normal = start.normal
         draw = 0.0
         u = wp.vec2()
         if to_lamps >= 0:
@@ -144,7 +165,7 @@ def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibilit
         # Few enough lamps that none is drawn by a tree, which alone takes a finer number.
         light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, draw, 0.0, u, time)
         if light.pdf > 0.0 and agree(point, light.direction):
-            facing = wp.max(wp.dot(light.direction, sample.normal), 0.0)
+            facing = wp.max(wp.dot(light.direction, start.normal), 0.0)
             found[0] = sampling.luminance(light.radiance) * facing / light.pdf
             if found[0] > 0.0:
                 found[1] = found[0] * visibility(scene, light.origin, light.direction, light.distance, time)
