@@ -35,9 +35,10 @@ ROWS = (
     ),
     (
         "pbrt-v4 (`.pbrt`, and what it includes in `.pbrt.gz` and `.ply.gz`)",
-        "shapes, instances, perspective and orthographic cameras that move, point, spot, distant and infinite lights,"
-        " area lights",
-        "media, images of area lights, other cameras, lights and shapes",
+        "shapes, instances, perspective and orthographic cameras that move, with crop and screen windows, point, spot,"
+        " distant and infinite lights with their power or illuminance, area lights",
+        "media, images and powers of area lights, other cameras, lights and shapes; subdivision (the mesh gets smooth "
+        "normals instead); primaries other than sRGB's; curves of pictures other than sRGB's",
     ),
     (
         "OBJ, PLY",

@@ -102,7 +102,7 @@ class MaterialReader:
 
     def color(self, parameters: Parameters, name: str, default: float, *, emits: bool = False) -> Vec3:
         """Return a colour parameter: rgb, a spectrum or a number; spectra of lights are taken as they are."""
-        convert = rgb_of_light if emits else rgb_of_reflectance
+        convert = _rgb_of_luminance_one if emits else rgb_of_reflectance
         parameter = parameters.found.get(name)
         if parameter is None:
             return default, default, default
@@ -142,8 +142,14 @@ class MaterialReader:
 
     def _imagemap(self, parameters: Parameters) -> NamedTexture:
         path = file_of(parameters.place, parameters.word("filename", ""), self._folder)
-        wrap = WRAPS.get(parameters.word("wrap", "repeat"), "repeat")
-        linear = parameters.word("encoding", "sRGB").lower() != "srgb"
+        wrapped = parameters.word("wrap", "repeat")
+        if wrapped in ("black", "octahedralsphere"):
+            self._warn(f"textures with wrap {wrapped} are clamped")
+        wrap = WRAPS.get(wrapped, "repeat")
+        encoding = parameters.word("encoding", "sRGB").split() or [""]
+        linear = encoding[0] == "linear"
+        if not linear and encoding[0].lower() != "srgb":
+            self._warn(f"textures with encoding {' '.join(encoding)} are taken as sRGB")
         nearest = parameters.word("filter", "bilinear") == "point"
         factor = parameters.number("scale", 1.0)
         inverted = factor if parameters.flag("invert", False) else None
@@ -162,6 +168,8 @@ class MaterialReader:
 
     def _checkerboard(self, parameters: Parameters) -> int:
         """Return a checkerboard as an image of four texels that spans two squares each way."""
+        if parameters.number("dimension", 2) != 2:
+            self._warn("checkerboards of three dimensions are mapped by u and v alone")
         first, second = self.texture(parameters, "tex1", 1.0), self.texture(parameters, "tex2", 0.0)
         if first.index >= 0 or second.index >= 0:
             self._warn("textures inside a checkerboard are left out")
@@ -288,6 +296,13 @@ class MaterialReader:
         if key not in self._added:
             self._added[key] = self._append(replace(image, pixels=roughness_pixels(alpha), srgb=False))
         return {"alpha": 1.0, "roughness_texture": self._added[key]}
+
+
+def _rgb_of_luminance_one(wavelengths_nm: Any, values: Any) -> Vec3:
+    """Return the colour of a light's spectrum, which pbrt-v4 scales to luminance 1."""
+    r, g, b = rgb_of_light(wavelengths_nm, values)
+    luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b
+    return (r / luminance, g / luminance, b / luminance) if luminance > 0 else (0.0, 0.0, 0.0)
 
 
 def _light_of_codes(*, srgb: bool) -> F64:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,35 @@ class Placed:
     transform: Pair
 
 
+@dataclass(frozen=True)
+class Film:
+    """How many pixels a film has, and which of them are rendered: from ``start`` to before ``end``, right and down."""
+
+    size: tuple[int, int] = (1280, 720)
+    start: tuple[int, int] = (0, 0)
+    end: tuple[int, int] = (1280, 720)
+
+
+def read_film(parameters: Parameters) -> Film:
+    """Return a film.
+
+    Raises:
+        InputError: with file and line, if it has no pixel.
+    """
+    width, height = (int(parameters.number(f"{axis}resolution", n)) for axis, n in (("x", 1280), ("y", 720)))
+    if min(width, height) < 1:
+        raise InputError(f"{parameters.place}: the film is {width}×{height}, expected at least one pixel")
+    name, bounds = "pixelbounds", parameters.four("pixelbounds")
+    if bounds is None and (window := parameters.four("cropwindow")) is not None:
+        name = "cropwindow"
+        bounds = [math.ceil(share * n) for share, n in zip(window, (width, width, height, height), strict=True)]
+    x0, x1, y0, y1 = (0, width, 0, height) if bounds is None else (int(bound) for bound in bounds)
+    start, end = (max(x0, 0), max(y0, 0)), (min(x1, width), min(y1, height))
+    if not (start[0] < end[0] and start[1] < end[1]):
+        raise InputError(f"{parameters.place}: {name} leaves no pixel of {width}×{height}")
+    return Film((width, height), start, end)
+
+
 def read_instance(
     placed: Placed, mirror: Matrix, times_s: Times, meshes: list[Mesh], warn: Callable[[str], None]
 ) -> Instance:
@@ -52,7 +81,7 @@ def read_camera(
     transforms: Pair,
     parameters: Parameters,
     orthographic: bool,
-    resolution: tuple[int, int],
+    film: Film,
     times_s: Times,
     mirror: Matrix,
     warn: Callable[[str], None],
@@ -62,29 +91,45 @@ def read_camera(
     Raises:
         InputError: with file and line, if its field of view is none.
     """
-    width, height = resolution
     fov = parameters.number("fov", 90.0)
     if not 0 < fov < 180:
         raise InputError(f"{parameters.place}: fov is {fov:g}, expected more than 0 and less than 180")
-    for name in ("screenwindow", "frameaspectratio"):
-        if name in parameters.found:
-            warn(f"the camera's {name} is left out")
+    left, right, bottom, top = _window(parameters, film)
+    width, height = (b - a for a, b in zip(film.start, film.end, strict=True))
+    stretch = (top - bottom) / height / ((right - left) / width)  # of pixels, where the window is not as the film
+    shift = ((-left - right) / 2 / (right - left), (bottom + top) / 2 / (top - bottom) * height / width)
+    lens = Lens(principal_point=shift, aspect=round(stretch, 9))
     start, end = (mirror @ matrix @ FLIP_Z for matrix in transforms)  # pbrt looks along +z, clsim along −z
     motion: Motion = Static(facing(start))
     if not np.array_equal(start, end):
         motion = _between(times_s, facing(start), facing(end))
     if orthographic:
         # It sees from −1 to 1 of its own along the shorter side.
-        width_m = 2.0 * float(np.linalg.norm(start[:3, 0])) * max(width / height, 1.0)
+        width_m = float(np.linalg.norm(start[:3, 0])) * (right - left)
         if parameters.number("lensradius", 0.0):
             warn("the lens radius of an orthographic camera is left out")
-        return Camera(width, height, 45.0, motion, 0.0, Lens(model="orthographic", view_width_m=width_m))
-    across = math.tan(math.radians(fov / 2)) * max(width / height, 1.0)  # pbrt's is that of the shorter side
-    radius = parameters.number("lensradius", 0.0)
-    lens = Lens()
-    if radius:
-        lens = Lens(aperture_radius_m=radius, focus_distance_m=parameters.number("focaldistance", 1e6))
+        return Camera(width, height, 45.0, motion, 0.0, replace(lens, model="orthographic", view_width_m=width_m))
+    across = math.tan(math.radians(fov / 2)) * (right - left) / 2  # pbrt's fov is that of the shorter side
+    if radius := parameters.number("lensradius", 0.0):
+        lens = replace(lens, aperture_radius_m=radius, focus_distance_m=parameters.number("focaldistance", 1e6))
     return Camera(width, height, 2 * math.degrees(math.atan(across)), motion, 0.0, lens)
+
+
+def _window(parameters: Parameters, film: Film) -> tuple[float, float, float, float]:
+    """Return what the picture shows, where the film's shorter side is from −1 to 1: left, right, bottom and top."""
+    width, height = film.size
+    aspect = parameters.number("frameaspectratio", width / height)
+    if not aspect > 0:
+        raise InputError(f"{parameters.place}: frameaspectratio is {aspect:g}, expected more than 0")
+    x, y = max(aspect, 1.0), max(1.0 / aspect, 1.0)
+    left, right, bottom, top = parameters.four("screenwindow") or (-x, x, -y, y)
+    if not (left < right and bottom < top):
+        raise InputError(f"{parameters.place}: screenwindow is empty, expected left < right and bottom < top")
+    if film.start == (0, 0) and film.end == film.size:
+        return left, right, bottom, top
+    across, down = (right - left) / width, (top - bottom) / height
+    (x0, y0), (x1, y1) = film.start, film.end
+    return left + x0 * across, left + x1 * across, top - y1 * down, top - y0 * down
 
 
 def _between(times_s: Times, start: Matrix, end: Matrix) -> Motion:

@@ -19,7 +19,7 @@ from clsim.scene.defaults.framing import ENVIRONMENT, bounds, lamp, orbiting_cam
 from clsim.scene.motion import Matrix, compose, look_at
 from clsim.scene.pbrt.lights import InMirror, light_color, read_environment, read_punctual
 from clsim.scene.pbrt.materials import MaterialReader
-from clsim.scene.pbrt.places import FLIP_Z, Pair, Placed, read_camera, read_instance
+from clsim.scene.pbrt.places import FLIP_Z, Film, Pair, Placed, read_camera, read_film, read_instance
 from clsim.scene.pbrt.shapes import read_shape
 from clsim.scene.pbrt.tokens import Parameters, Tokens, fail
 from clsim.scene.rigid import rotation_about
@@ -30,7 +30,6 @@ MAX_STACK = 10_000
 MAX_INSTANCES = 1_000_000
 IGNORED = (
     "Accelerator",
-    "ColorSpace",
     "Integrator",
     "MakeNamedMedium",
     "PixelFilter",
@@ -98,7 +97,7 @@ class _Reader:
         self.objects: dict[str, list[Placed]] = {}
         self.object: list[Placed] | None = None
         self.times = (0.0, 1.0)
-        self.resolution = (1280, 720)
+        self.film = Film()
         self.camera: tuple[Pair, Parameters, bool] | None = None
         self.environment: Vec3 = (0.0, 0.0, 0.0)
         self.environment_image: Callable[[Matrix], EnvironmentMap] | None = None
@@ -259,15 +258,16 @@ class _Reader:
     def _do_Import(self) -> None:  # noqa: N802
         self._do_Include()
 
+    def _do_ColorSpace(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if name.lower() != "srgb":
+            self._warn(f"colours are taken as sRGB's primaries, not {name}'s")
+
     # What there is
 
     def _do_Film(self) -> None:  # noqa: N802
         self.tokens.string()
-        parameters = self.tokens.parameters()
-        width, height = (int(parameters.number(f"{axis}resolution", n)) for axis, n in (("x", 1280), ("y", 720)))
-        if min(width, height) < 1:
-            raise InputError(f"{parameters.place}: the film is {width}×{height}, expected at least one pixel")
-        self.resolution = (width, height)
+        self.film = read_film(self.tokens.parameters())
 
     def _do_Camera(self) -> None:  # noqa: N802
         kind = self.tokens.string()
@@ -315,19 +315,17 @@ class _Reader:
     def _do_Shape(self) -> None:  # noqa: N802
         kind = self.tokens.string()
         parameters = self.tokens.parameters()
-        mesh = read_shape(kind, parameters, self.folder)
-        if mesh is None:
-            self._warn(f"shapes of type {kind} are left out")
-            return
-        if "displacement" in parameters.found:
-            self._warn(f"the displacement of a {kind} is left out")
-        if not len(mesh.triangles):
+        mesh = read_shape(kind, parameters, self.folder, self._warn)
+        if mesh is None or not len(mesh.triangles):
             return
         if self.state.reversed:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]), normals=normals)
         material = self.materials.opacity(self.state.material, parameters)
         if self.state.emission is not None and any(self.state.emission):
+            if material.opacity == 0 and self.state.material.opacity > 0:
+                self._warn("lamps whose alpha is 0 are seen")  # in pbrt they shine all the same, and are not seen
+                material = self.state.material
             material = replace(material, emission=self.state.emission, emits_behind=self.state.emission_two_sided)
         ids = np.full(len(mesh.triangles), self.materials.index(material), np.int32)
         placed = Placed(len(self.meshes), self.state.transform)
@@ -337,15 +335,17 @@ class _Reader:
     def _do_LightSource(self) -> None:  # noqa: N802
         kind = self.tokens.string()
         parameters = self.tokens.parameters()
-        for name in ("power", "illuminance", "portal"):
-            if name in parameters.found:
-                self._warn(f"the {name} of lights is left out")
+        if "portal" in parameters.found:
+            self._warn("the portal of lights is left out")
         matrix = self.state.transform[0]
         if kind == "infinite":
-            image = read_environment(parameters, matrix, self.folder)
+            image = read_environment(parameters, matrix, self.folder, self._warn)
             if image is None:
-                self.environment = light_color(self.materials, parameters, "L")
+                r, g, b = np.add(self.environment, light_color(self.materials, parameters, "L", "illuminance", math.pi))
+                self.environment = (float(r), float(g), float(b))
             else:
+                if self.environment_image is not None:
+                    self._warn("of several infinite lights with images the last is used")
                 self.environment_image = image
             return
         light = read_punctual(kind, self.materials, parameters, matrix)
@@ -373,7 +373,7 @@ class _Reader:
         if self.camera is None:
             camera = orbiting_camera(center, size)
         else:
-            camera = read_camera(*self.camera, self.resolution, self.times, mirror, self._warn)
+            camera = read_camera(*self.camera, self.film, self.times, mirror, self._warn)
         if not lit:
             spheres = [lamp(center, size)]
         world = World(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
+from clsim.scene.meshes.geometry import smooth_normals
 from clsim.scene.meshes.trimesh_scene import load_triangles
 from clsim.scene.motion import Matrix
 from clsim.scene.pbrt.tokens import Parameters, file_of
@@ -19,32 +22,76 @@ F64 = npt.NDArray[np.float64]
 SEGMENTS = 64
 
 
-def read_shape(kind: str, parameters: Parameters, folder: Path) -> Mesh | None:
-    """Return a shape's mesh in its own space, of material 0; None where clsim lacks the shape.
+def read_shape(kind: str, parameters: Parameters, folder: Path, warn: Callable[[str], None]) -> Mesh | None:
+    """Return a shape's mesh in its own space, of material 0; None, with a warning, where clsim lacks the shape.
 
     Raises:
         InputError: with file and line.
     """
+    if "displacement" in parameters.found:
+        warn(f"the displacement of a {kind} is left out")
     if kind == "plymesh":
         mesh = load_triangles(file_of(parameters.place, parameters.word("filename", ""), folder))
         return mesh
     if kind in ("trianglemesh", "bilinearmesh"):
         return _triangles(kind, parameters)
-    radius = parameters.number("radius", 1.0)
-    if kind in ("sphere", "disk") and not radius > 0:
-        raise InputError(f"{parameters.place}: radius is {radius:g}, expected more than 0")
-    if kind == "sphere":
-        return _sphere(radius)
-    if kind == "disk":
-        return _disk(radius, parameters.number("height", 0.0))
+    if kind == "loopsubdiv":
+        warn("a loopsubdiv is not subdivided: it gets smooth normals instead")
+        return smooth_normals(_triangles(kind, parameters))
+    if kind in ("sphere", "disk", "cylinder"):
+        return _round(kind, parameters)
+    warn(f"shapes of type {kind} are left out")
     return None
+
+
+def _round(kind: str, parameters: Parameters) -> Mesh:
+    radius, phi_max = parameters.number("radius", 1.0), parameters.number("phimax", 360.0)
+    for name, value in (("radius", radius), ("phimax", phi_max)):
+        if not value > 0:
+            raise InputError(f"{parameters.place}: {name} is {value:g}, expected more than 0")
+    phi_max = math.radians(min(phi_max, 360.0))
+    if kind == "disk":
+        inner, height = parameters.number("innerradius", 0.0), parameters.number("height", 0.0)
+        if inner == 0 and phi_max == 2 * math.pi:
+            return _disk(radius, height)
+        return _turned(np.array([(radius, height), (inner, height)]), np.array([(0.0, 1.0)] * 2), phi_max)
+    end = radius if kind == "sphere" else 1.0
+    low, high = sorted(parameters.number(name, z) for name, z in (("zmin", -end), ("zmax", end)))
+    if kind == "cylinder":
+        return _turned(np.array([(radius, low), (radius, high)]), np.array([(1.0, 0.0)] * 2), phi_max)
+    if low <= -radius and high >= radius and phi_max == 2 * math.pi:
+        return _sphere(radius)
+    bottom, top = (math.acos(min(max(z / radius, -1.0), 1.0)) for z in (low, high))
+    theta = np.linspace(bottom, top, SEGMENTS // 2 + 1)
+    away = np.stack([np.sin(theta), np.cos(theta)], axis=1)
+    return _turned(radius * away, away, phi_max)
+
+
+def _turned(profile: F64, normals: F64, phi_max: float) -> Mesh:
+    """Return what a line sweeps as it turns about z; u runs around from 0 to 1, v along the line.
+
+    Args:
+        profile: distance from the axis and z of the line's points ``[n, 2]``.
+        normals: likewise, their normals.
+        phi_max: how far it turns [radians].
+    """
+    rows = len(profile)
+    u, v = np.meshgrid(np.linspace(0, 1, SEGMENTS + 1), np.linspace(0, 1, rows))
+    around = np.stack([np.cos(phi_max * u), np.sin(phi_max * u), np.ones_like(u)], axis=-1)
+    points, away = ((around * line[:, None, [0, 0, 1]]).reshape(-1, 3) for line in (profile, normals))
+    i, j = np.meshgrid(np.arange(rows - 1), np.arange(SEGMENTS), indexing="ij")
+    first = (i * (SEGMENTS + 1) + j).ravel()
+    above = first + SEGMENTS + 1
+    lower = np.stack([first, first + 1, above + 1], axis=1)[np.repeat(profile[:-1, 0] > 1e-9, SEGMENTS)]
+    upper = np.stack([first, above + 1, above], axis=1)[np.repeat(profile[1:, 0] > 1e-9, SEGMENTS)]
+    return _mesh(points, np.concatenate([lower, upper]), away, np.stack([u.ravel(), v.ravel()], axis=1))
 
 
 def _triangles(kind: str, parameters: Parameters) -> Mesh:
     points = parameters.rows(3, "P")
     if points is None or not len(points):
         raise InputError(f"{parameters.place}: the {kind} has no P")
-    corners = 3 if kind == "trianglemesh" else 4
+    corners = 4 if kind == "bilinearmesh" else 3
     faces = parameters.rows(corners, "indices")
     if faces is None:
         if len(points) != corners:

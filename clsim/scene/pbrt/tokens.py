@@ -143,6 +143,16 @@ class Parameters:
             raise InputError(f"{parameter.place}: {name} has {len(parameter.numbers)} numbers, expected one")
         return float(parameter.numbers[0])
 
+    def four(self, name: str) -> list[float] | None:
+        """Return four numbers; None where they are missing."""
+        parameter = self.found.get(name)
+        if parameter is None:
+            return None
+        if len(parameter.numbers) != 4:
+            raise InputError(f"{parameter.place}: {name} has {len(parameter.numbers)} numbers, expected four")
+        numbers: list[float] = parameter.numbers.tolist()
+        return numbers
+
     def word(self, name: str, default: str) -> str:
         """Return a string."""
         parameter = self.found.get(name)

@@ -358,7 +358,7 @@ def test_spectra_of_lights_keep_their_tint_and_reflectances_are_white_by_dayligh
     m, _ = material(tmp_path, f'"diffuse" "spectrum reflectance" {flat}')
     assert m.color == pytest.approx((0.5, 0.5, 0.5), rel=0.01)
     world = load_world(scene(tmp_path, f'LightSource "point" "spectrum I" {flat}\n{TRIANGLE}'))
-    assert world.punctual_lights[0].intensity == pytest.approx((0.6, 0.475, 0.452), rel=0.01)
+    assert world.punctual_lights[0].intensity == pytest.approx((1.2, 0.95, 0.904), rel=0.01)
 
 
 @pytest.mark.parametrize("blur", ["", "ActiveTransform EndTime Translate 1 0 0 ActiveTransform All "])

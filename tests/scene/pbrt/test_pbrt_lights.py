@@ -1,0 +1,134 @@
+"""How bright pbrt's lights are, and where round shapes lie: pbrt-v4's file format and book."""
+
+import math
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from clsim.errors import InputError
+from tests.scene.pbrt.test_pbrt import TRIANGLE, load
+
+SPOT = 2 * math.pi * (1 - (math.cos(math.radians(40)) + math.cos(math.radians(50))) / 2)
+
+
+@pytest.mark.parametrize(
+    ("light", "strength"),
+    [
+        ('"point" "float power" 100', 100 / (4 * math.pi)),
+        ('"point" "float power" 100 "float scale" 2 "rgb I" [3 3 3]', 600 / (4 * math.pi)),
+        ('"spot" "float coneangle" 50 "float conedeltaangle" 10 "float power" 8', 8 / SPOT),
+        ('"distant" "float illuminance" 7 "rgb L" [2 2 2]', 14.0),
+        ('"point" "float power" -1', 1.0),
+    ],
+)
+def test_lights_may_tell_their_power_or_illuminance(tmp_path, light, strength):
+    world = load(tmp_path, f"LightSource {light} {TRIANGLE}")
+    assert world.punctual_lights[0].intensity == pytest.approx((strength,) * 3)
+    assert world.warnings == ()
+
+
+def test_even_skies_add_up_and_may_tell_their_illuminance(tmp_path):
+    """An even sky of radiance L gives an illuminance of πL; ``load`` has one of radiance 1 already."""
+    world = load(tmp_path, f'LightSource "infinite" "float illuminance" {5 * math.pi} {TRIANGLE}')
+    assert world.environment == pytest.approx((6, 6, 6))
+    assert world.warnings == ()
+
+
+def test_of_images_of_the_sky_one_is_used(tmp_path):
+    PIL.Image.fromarray(np.full((8, 8, 3), 255, np.uint8)).save(tmp_path / "sky.png")
+    sky = 'LightSource "infinite" "string filename" "sky.png" '
+    assert load(tmp_path, sky + TRIANGLE).warnings == ()
+    (warning,) = load(tmp_path, sky + sky + TRIANGLE).warnings
+    assert warning.endswith("of several infinite lights with images the last is used")
+    (warning,) = load(tmp_path, sky + '"float illuminance" 3 ' + TRIANGLE).warnings
+    assert warning.endswith("the illuminance of infinite lights with images is left out")
+
+
+@pytest.mark.parametrize("factor", [1, 30])
+def test_spectra_of_lights_tell_the_colour_alone(tmp_path, factor):
+    """pbrt-v4 divides a light by its spectrum's luminance, so ``scale`` alone says how bright it is."""
+    told = f'"spectrum I" [400 {factor} 600 {2 * factor} 800 {factor}] "float scale" 3'
+    r, g, b = load(tmp_path, f'LightSource "point" {told} {TRIANGLE}').punctual_lights[0].intensity
+    assert 0.2126 * r + 0.7152 * g + 0.0722 * b == pytest.approx(3)
+    assert load(tmp_path, f'LightSource "point" "spectrum I" [400 0 800 0] {TRIANGLE}').punctual_lights[
+        0
+    ].intensity == (0, 0, 0)
+
+
+def test_a_lamp_whose_alpha_is_0_shines_as_in_pbrt(tmp_path):
+    world = load(tmp_path, 'AreaLightSource "diffuse" "rgb L" [4 4 4] Shape "sphere" "float alpha" 0')
+    lamp = world.materials[world.meshes[0].material_ids[0]]
+    assert (lamp.emission, lamp.opacity) == ((4, 4, 4), 1.0)
+    assert world.warnings == ("scene.pbrt: lamps whose alpha is 0 are seen",)
+
+
+def test_what_colours_and_textures_lack_is_told(tmp_path):
+    PIL.Image.fromarray(np.full((2, 2, 3), 99, np.uint8)).save(tmp_path / "a.png")
+    image = 'Texture "t" "spectrum" "imagemap" "string filename" "a.png" '
+    for told, part in (
+        ('ColorSpace "rec2020" ', "colours are taken as sRGB's primaries, not rec2020's"),
+        (image + '"string encoding" "gamma 2.2" ', "textures with encoding gamma 2.2 are taken as sRGB"),
+        (image + '"string wrap" "black" ', "textures with wrap black are clamped"),
+        ('Texture "c" "spectrum" "checkerboard" "integer dimension" 3 ', "checkerboards of three dimensions"),
+    ):
+        (warning,) = load(tmp_path, told + TRIANGLE).warnings
+        assert part in warning
+    assert load(tmp_path, 'ColorSpace "srgb" ' + image + '"string encoding" "sRGB" ' + TRIANGLE).warnings == ()
+    world = load(
+        tmp_path, image + '"string encoding" "gamma 2.2" Material "diffuse" "texture reflectance" "t" ' + TRIANGLE
+    )
+    assert world.textures[0].srgb, "a curve of 2.2 is nearly sRGB's, and far from none"
+
+
+def placed(tmp_path, shape):
+    """Return corners, normals, area and facing of what a shape becomes, in pbrt's own axes."""
+    world = load(tmp_path, shape)
+    (one,) = world.instances
+    mesh, pose = world.meshes[one.mesh], one.motion.pose(0.0)
+    back = np.array((1, 1, -1))  # pbrt's z is the other way
+    points = (mesh.vertices.astype(float) @ pose[:3, :3].T + pose[:3, 3]) * back
+    normals = (mesh.normals.astype(float) @ pose[:3, :3].T) * back
+    a, b, c = (points[mesh.triangles[:, k]] for k in range(3))
+    cross = -np.cross(b - a, c - a)  # counted in a mirrored space
+    return points, normals, np.linalg.norm(cross, axis=1).sum() / 2, cross, (a + b + c) / 3
+
+
+@pytest.mark.parametrize(
+    ("shape", "area"),
+    [
+        ('"cylinder" "float radius" 2 "float zmin" -1 "float zmax" 4', 2 * math.pi * 2 * 5),
+        ('"cylinder" "float phimax" 90', math.pi / 2 * 2),
+        ('"sphere" "float radius" 2 "float zmin" 0', 2 * math.pi * 2 * 2),
+        ('"sphere" "float zmin" -0.5 "float zmax" 0.5 "float phimax" 180', math.pi),
+        ('"disk" "float radius" 2 "float innerradius" 1 "float height" 3', math.pi * 3),
+        ('"disk" "float phimax" 90', math.pi / 4),
+    ],
+)
+def test_parts_of_round_shapes_have_their_area_and_face_outwards(tmp_path, shape, area):
+    points, normals, found, cross, middles = placed(tmp_path, f"Shape {shape}")
+    assert found == pytest.approx(area, rel=5e-3)
+    outwards = np.tile((0.0, 0.0, 1.0), (len(cross), 1)) if "disk" in shape else middles * (1, 1, "sphere" in shape)
+    assert (np.einsum("ij,ij->i", cross, outwards) > 0).all()
+    expected = np.tile((0.0, 0.0, 1.0), (len(points), 1)) if "disk" in shape else points * (1, 1, "sphere" in shape)
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    np.testing.assert_allclose(normals, expected, atol=1e-6)
+
+
+def test_a_quarter_begins_at_x_and_turns_towards_y(tmp_path):
+    points, *_ = placed(tmp_path, 'Shape "cylinder" "float phimax" 90 "float radius" 3')
+    assert points[:, :2].min() == pytest.approx(0, abs=1e-6) and points[:, :2].max() == pytest.approx(3)
+
+
+@pytest.mark.parametrize("told", ['"cylinder" "float radius" 0', '"disk" "float phimax" -5'])
+def test_round_shapes_without_size_are_refused(tmp_path, told):
+    with pytest.raises(InputError, match="expected more than 0"):
+        load(tmp_path, f"Shape {told}")
+
+
+def test_a_loopsubdiv_is_its_cage_with_smooth_normals(tmp_path):
+    cage = '"integer indices" [0 2 1 0 1 3 0 3 2 1 2 3] "point3 P" [0 0 0  1 0 0  0 1 0  0 0 1] "integer levels" 3'
+    world = load(tmp_path, f'Shape "loopsubdiv" {cage}')
+    mesh = world.meshes[0]
+    assert len(mesh.triangles) == 4 and mesh.normals is not None
+    assert world.warnings == ("scene.pbrt: a loopsubdiv is not subdivided: it gets smooth normals instead",)

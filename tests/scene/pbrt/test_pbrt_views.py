@@ -1,0 +1,81 @@
+"""What of a scene pbrt's films and cameras show: crops, windows and pixels that are not square."""
+
+import math
+
+import numpy as np
+import pytest
+
+from clsim.errors import InputError
+from clsim.live.outputs.sidecars import about_camera
+from tests.scene.pbrt.test_pbrt import TRIANGLE, load
+
+WIDTH, HEIGHT, FOV_DEG = 400, 200, 40.0
+POINTS = ((0.0, 0.0), (0.4, 0.3), (-0.2, -0.5))
+
+
+def head(film="", camera="", kind="perspective"):
+    return (
+        f'LookAt 0 0 -5  0 0 0  0 1 0\nCamera "{kind}" "float fov" {FOV_DEG} {camera}\n'
+        f'Film "rgb" "integer xresolution" {WIDTH} "integer yresolution" {HEIGHT} {film}\n'
+    )
+
+
+def raster(x, y, window, kind):
+    """Return the pixel of pbrt's whole film where a point at z = 0 appears (Physically Based Rendering, 5.2)."""
+    left, right, bottom, top = window
+    scale = 5 * math.tan(math.radians(FOV_DEG / 2)) if kind == "perspective" else 1.0
+    return (x / scale - left) / (right - left) * WIDTH, (top - y / scale) / (top - bottom) * HEIGHT
+
+
+def pixel(camera, x, y):
+    """Return the pixel where clsim's camera sees the same point."""
+    about = about_camera(camera)
+    a, b, c, _ = np.linalg.inv(camera.motion.pose(0.0)) @ (x, y, 0.0, 1.0)
+    if about["model"] == "orthographic":
+        scale, centre, depth = about["pixels_per_m"], about["axis_px"], 1.0
+        return centre["cx"] + scale["x"] * a / depth, centre["cy"] - scale["y"] * b / depth
+    k = about["intrinsics_px"]
+    return k["cx"] + k["fx"] * a / -c, k["cy"] - k["fy"] * b / -c
+
+
+@pytest.mark.parametrize("kind", ["perspective", "orthographic"])
+@pytest.mark.parametrize(
+    ("camera", "window"),
+    [
+        ("", (-2, 2, -1, 1)),
+        ('"float screenwindow" [-1 1.5 -0.25 1]', (-1, 1.5, -0.25, 1)),
+        ('"float screenwindow" [-1 1 -1 1]', (-1, 1, -1, 1)),
+        ('"float frameaspectratio" 0.5', (-1, 1, -2, 2)),
+    ],
+)
+@pytest.mark.parametrize(
+    ("film", "start", "size"),
+    [
+        ("", (0, 0), (400, 200)),
+        ('"float cropwindow" [0.1 0.8 0.25 0.5]', (40, 50), (280, 50)),
+        ('"integer pixelbounds" [100 150 20 190]', (100, 20), (50, 170)),
+        ('"integer pixelbounds" [0 400 -9 100] "float cropwindow" [0 0.5 0 0.5]', (0, 0), (400, 100)),
+    ],
+)
+def test_crops_and_windows_show_what_pbrt_shows(tmp_path, film, start, size, camera, window, kind):
+    world = load(tmp_path, TRIANGLE, head(film, camera, kind))
+    assert (world.camera.width, world.camera.height) == size
+    assert world.warnings == ()
+    for x, y in POINTS:
+        expected = np.subtract(raster(x, y, window, kind), start)
+        np.testing.assert_allclose(pixel(world.camera, x, y), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("film", "camera", "part"),
+    [
+        ('"float cropwindow" [0.5 0.5 0 1]', "", "cropwindow leaves no pixel of 400×200"),
+        ('"float cropwindow" [0 1 0]', "", "cropwindow has 3 numbers, expected four"),
+        ('"integer pixelbounds" [500 600 0 9]', "", "pixelbounds leaves no pixel"),
+        ("", '"float screenwindow" [1 -1 -1 1]', "screenwindow is empty"),
+        ("", '"float frameaspectratio" -1', "frameaspectratio is -1"),
+    ],
+)
+def test_windows_that_show_nothing_are_refused(tmp_path, film, camera, part):
+    with pytest.raises(InputError, match=part):
+        load(tmp_path, TRIANGLE, head(film, camera))
