@@ -28,10 +28,9 @@ ROWS = (
     ),
     (
         "Mitsuba (`.xml` of 0.6 to 3)",
-        "shapes, groups and instances, perspective, thin-lens and orthographic cameras, lamps, sky maps, projectors, "
-        "skies and suns, animated transforms",
-        "media that scatter, other sensors and emitters, crop windows; all keyframes of an object have the scale of "
-        "the first",
+        "shapes, groups and instances, perspective, thin-lens and orthographic cameras with crop windows, radial "
+        "distortion, lamps, sky maps, projectors, skies and suns, animated transforms",
+        "media that scatter, other sensors and emitters; all keyframes of an object have the scale of the first",
     ),
     (
         "pbrt-v4 (`.pbrt`, and what it includes in `.pbrt.gz` and `.ply.gz`)",

@@ -20,6 +20,7 @@ from clsim.scene.meshes.geometry import is_similarity, placed_rigidly
 from clsim.scene.mitsuba.daylight import KINDS, read_daylight, scales, sun_deg
 from clsim.scene.mitsuba.materials import MaterialReader
 from clsim.scene.mitsuba.places import ahead, placed, start_of
+from clsim.scene.mitsuba.sensors import read_sensor
 from clsim.scene.mitsuba.shapes import read_shape
 from clsim.scene.mitsuba.values import Color, file_of
 from clsim.scene.mitsuba.xml import Plugin, read_scene
@@ -31,7 +32,6 @@ from clsim.scene.world import (
     EnvironmentMap,
     ImageTexture,
     Instance,
-    Lens,
     Mesh,
     PunctualLight,
     SphereLight,
@@ -40,7 +40,6 @@ from clsim.scene.world import (
 )
 
 IGNORED = ("film", "bsdf", "texture", "medium", "spectrum", "phase")
-FULL_FRAME_MM = (36.0, 24.0)
 
 
 def load_mitsuba(path: Path, parameters: Mapping[str, str] | None = None) -> World:
@@ -126,6 +125,10 @@ class _Reader:
             return
         if shape.type == "instance":
             self._add_instances(shape)
+            return
+        if shape.type == "merge":  # which has no place of its own
+            for each in shape.of_kind("shape"):
+                self._add_shape(each)
             return
         motion, stretch = placed(shape)
         emitter = next(iter(shape.of_kind("emitter", "luminaire")), None)
@@ -275,51 +278,7 @@ class _Reader:
         if self.cameras:
             self._warn("the first of several sensors is used")
             return
-        film = next(iter(sensor.of_kind("film")), None)
-        width, height = 768, 576
-        if film is not None:
-            width, height = int(film.get("width", 768.0)), int(film.get("height", 576.0))
-            if "crop_width" in film.values or "crop_height" in film.values:
-                self._warn("the film's crop window is left out")
-        if min(width, height) < 1:
-            raise InputError(f"{sensor.place}: the film is {width}×{height}, expected at least one pixel")
-        thin = sensor.type == "thinlens"
-        if sensor.type == "orthographic":
-            self.cameras.append(_orthographic(sensor, width, height))
-            return
-        lens = Lens(
-            aperture_radius_m=sensor.get("aperture_radius", 0.0) if thin else 0.0,
-            focus_distance_m=sensor.get("focus_distance", 1.0) if thin else 1.0,
-            # Mitsuba shifts the film, clsim the optical centre upon it.
-            principal_point=(
-                -sensor.get("principal_point_offset_x", 0.0),
-                -sensor.get("principal_point_offset_y", 0.0) * height / width,
-            ),
-            mirrored=mirrors(start_of(sensor)),
-        )
-        self.cameras.append(
-            Camera(
-                width,
-                height,
-                _fov_deg(sensor, width, height),
-                ahead(sensor),
-                _exposure_s(sensor),
-                lens,
-            )
-        )
-
-
-def _orthographic(sensor: Plugin, width: int, height: int) -> Camera:
-    """Return a camera of parallel rays, which sees from −1 to 1 along its own x, whatever its place makes of that."""
-    # It shows a square of its film, stretched where the place is scaled unevenly.
-    across, up = np.linalg.norm(start_of(sensor)[:3, :2], axis=0)
-    lens = Lens(model="orthographic", mirrored=mirrors(start_of(sensor)), view_width_m=2 * float(across))
-    lens = replace(lens, aspect=float(up / across) if across > 0 else 1.0)
-    return Camera(width, height, 45.0, ahead(sensor), _exposure_s(sensor), lens)
-
-
-def _exposure_s(sensor: Plugin) -> float:
-    return max(float(sensor.get("shutter_close", 0.0) - sensor.get("shutter_open", 0.0)), 0.0)
+        self.cameras.append(read_sensor(sensor))
 
 
 def _radiance(plugin: Plugin, name: str) -> Vec3:
@@ -333,26 +292,3 @@ def _radiance(plugin: Plugin, name: str) -> Vec3:
     scale = plugin.get("scale", 1.0)
     r, g, b = (max(channel * scale, 0.0) for channel in value.rgb)
     return r, g, b
-
-
-def _fov_deg(sensor: Plugin, width: int, height: int) -> float:
-    """Return the horizontal field of view; Mitsuba's may be given along another side or as a focal length."""
-    axis = sensor.get("fov_axis", "x").lower()
-    fov = sensor.get("fov", 0.0)
-    if "fov" not in sensor.values:
-        text = sensor.get("focal_length", "50mm").lower().removesuffix("mm")
-        try:
-            focal_mm = float(text)
-        except ValueError:
-            raise InputError(f"{sensor.place}: focal_length is {text!r}, expected millimetres such as 50mm") from None
-        if not focal_mm > 0:
-            raise InputError(f"{sensor.place}: focal_length is {focal_mm:g} mm, expected more than 0")
-        fov, axis = 2 * math.degrees(math.atan(math.hypot(*FULL_FRAME_MM) / 2 / focal_mm)), "diagonal"
-    if not 0 < fov < 180:
-        raise InputError(f"{sensor.place}: fov is {fov:g}, expected more than 0 and less than 180")
-    if axis in ("smaller", "larger"):
-        axis = "x" if (axis == "larger") == (width >= height) else "y"
-    sides = {"x": width, "y": height, "diagonal": math.hypot(width, height)}
-    if axis not in sides:
-        raise InputError(f"{sensor.place}: fov_axis is {axis!r}, expected x, y, diagonal, smaller or larger")
-    return 2 * math.degrees(math.atan(math.tan(math.radians(fov / 2)) * width / sides[axis]))
