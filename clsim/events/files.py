@@ -78,6 +78,8 @@ READ_ENDINGS = (*ENDINGS, *(ending for each in ONLY_READ for ending in each.endi
 """Endings of files that are read."""
 BAGS = ("mcap", "db3", "bag")
 """Those that are bags of ROS."""
+WITH_TOPICS = (*BAGS, "hdf5")
+"""Those that may hold the events of several cameras, one of which is named behind the file."""
 LABELLED = ("hdf5", "parquet")
 """Those that may hold labels of events."""
 
@@ -126,7 +128,7 @@ def open_source(
 ) -> EventSource:
     """Open an event file, or a folder with truth, for reading in bounded memory; see EventSource.
 
-    `split_topic` tells how a topic of a bag is named. ``strict`` makes events out of order an error.
+    `split_topic` tells how a topic of a bag or a group of HDF5 is named. ``strict`` makes events out of order an error.
 
     Raises InputError for an unknown ending, a file that cannot be read or is not of its format, and one whose events
     have not all of ``labels``.
@@ -137,8 +139,8 @@ def open_source(
             folder.be_strict()
         return folder
     chosen = format_named(format, (*FORMATS, *ONLY_READ)) if format else read_format_of(target)
-    if topic is not None and chosen.name not in BAGS:
-        raise InputError(f"{target}: has no topics, so that {topic} is none of them; expected a bag of ROS")
+    if topic is not None and chosen.name not in WITH_TOPICS:
+        raise InputError(f"{target}: has no topics, so that {topic} is none of them; expected a bag of ROS, or HDF5")
     chosen.check_library(target)
     options: dict[str, Any] = {} if topic is None else {"topic": topic}
     if labels and chosen.name in LABELLED:
@@ -166,7 +168,7 @@ def _open_folder(path: Path) -> EventSource | None:
 
 
 def split_topic(name: str | os.PathLike[str]) -> tuple[Path, str | None]:
-    """Return a file, and the topic that is named behind it: ``stereo.bag#/davis/left/events``; None without one."""
+    """Return a file, and the topic or group named behind it: ``stereo.bag#/davis/left/events``; None without one."""
     path, mark, topic = os.fspath(name).partition("#/")
     return (Path(path), f"/{topic}") if mark and not Path(name).exists() else (Path(name), None)
 

@@ -19,7 +19,7 @@ def open_events(
 ) -> EventSource | SocketSource:
     """Open an event file, ``tcp://HOST:PORT``, ``unix://PATH`` or ``udp://HOST:PORT?size=WIDTHxHEIGHT``.
 
-    ``stereo.bag#/davis/left/events`` is one topic of a bag of ROS that has several.
+    ``stereo.bag#/davis/left/events`` is one topic of a bag of ROS that has several, or one camera of an HDF5 file.
 
     Returns an iterator of EventBatch that reads on as it is asked, in bounded memory; its ``width`` and ``height`` are
     None for files that do not tell. A socket's iterator waits for events and ends when the sender does. Either can be

@@ -18,7 +18,8 @@ NAMES = {
     "p": ("p", "ps", "on", "pol", "polarity", "polarities"),
 }
 """What the columns of events are called."""
-_LATEST_US = 1 << 62
+_LATEST_US = 10**17
+"""In the year 5138: what is later counts in another unit."""
 _MOST_FALLS, _FEW_FALLS = 0.1, 10
 
 
@@ -99,5 +100,6 @@ def _whole(
         size = column.dtype.itemsize
         hint = " (-1 without its sign)" if low == -1 and value in (255, 2 ** (8 * size) - 1, 2**32 - 1) else ""
         hint = " (seconds?)" if name == "t" and column.dtype.kind == "f" and 0 <= value < high else hint
+        hint = " (nanoseconds?)" if name == "t" and value > high else hint
         raise ColumnError(f"column {name} has {value} in row {first_row + row}{hint}; expected {expected}")
     return column.astype(np.int64)

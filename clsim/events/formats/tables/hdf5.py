@@ -9,6 +9,7 @@ Source: https://dsec.ifi.uzh.ch/data-format/
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,8 @@ _LATE_US = 60_000_000
 _COLUMNS = {"t": np.dtype("<u4"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("u1")}
 _CHUNK_ROWS = 1 << 14
 _ECF = 0x8ECF
+_OF_MVSEC = re.compile("/davis/(left|right)/events")
+"""Tables of x, y, t [s] and p."""
 
 
 class Hdf5Sink(FileSink):
@@ -110,31 +113,29 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: L
     return Hdf5Sink(path, width, height, flush, labels=labels)
 
 
-def open_source(path: Path, labels: Labels = ()) -> EventSource:
+def open_source(path: Path, labels: Labels = (), topic: str | None = None) -> EventSource:
     """Open an HDF5 file in DSEC layout; events that a kill left without ``labels`` are not read.
 
     Layouts of others, by what they have: event_utils' columns ``events/xs`` … with ts in seconds; v2e's ``events``
     ``[N, 4]`` of t, x, y, p; tables with named fields, such as OpenEB's ``CD/events``;
-    columns in no group, as in the EDS data set.
+    columns in no group, as in the EDS data set; groups of cameras, as in MVSEC and M3ED, of which ``topic`` names one
+    where there are several, such as ``/prophesee/left``.
     """
     open_binary(path).close()
     file = h5py.File(path, "r")
-    unwrapped = file if find_columns(file) else None  # columns without a group around them
-    found = file["CD/events"] if "CD/events" in file else file.get("events", unwrapped)
+    found = _chosen(path, file, topic)
     if isinstance(found, h5py.Dataset):
         _need_filters(path, found)
         if found.dtype.names is None and not (found.ndim == 2 and found.shape[1] == 4):
             raise damaged(path, f"its events are {found.dtype} {list(found.shape)}; expected [N, 4] of t, x, y, p")
-        return EventSource(path, None, None, _read_table(file, found))
-    if not isinstance(found, h5py.Group):
-        raise damaged(path, f"it holds {', '.join(file)[:80] or 'nothing'}; expected events/t, x, y, p")
+        return EventSource(path, *_size(file, found.parent), _read_table(file, found))
     names = find_columns(found)
     if names is None:
         raise damaged(path, f"its events have the columns {', '.join(found)[:80]}; expected t, x, y and p, each once")
     labelled = tuple(name for name, kind in LABEL_TYPES.items() if name in found and _is_column(found[name], kind))
     columns = {own: found[name] for own, name in names.items()}
     columns |= {name: found[name] for name in labels if name in labelled}
-    offset = int(file["t_offset"][()]) if "t_offset" in file else 0
+    offset = int(found.parent["t_offset"][()]) if "t_offset" in found.parent else 0
     for column in columns.values():
         if not isinstance(column, h5py.Dataset) or column.ndim != 1:
             raise damaged(path, f"its {column.name} is no column")
@@ -143,6 +144,35 @@ def open_source(path: Path, labels: Labels = ()) -> EventSource:
     in_seconds = set(names.values()) == {"ts", "xs", "ys", "ps"} and columns["t"].dtype.kind == "f"
     batches = _read(file, columns, labels, offset, in_seconds)
     return EventSource(path, *_size(file, found), batches, labelled=labelled, labels=labels)
+
+
+def _chosen(path: Path, file: Any, topic: str | None) -> Any:
+    """Return the group of columns, or the table, that has a file's events, or those of one camera."""
+    if topic is None:
+        unwrapped = file if find_columns(file) else None  # columns without a group around them
+        found = file["CD/events"] if "CD/events" in file else file.get("events", unwrapped)
+        if found is not None:
+            return found
+    cameras: list[str] = []
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Group):
+            found = find_columns(item)
+            known = found is not None and all(isinstance(item[each], h5py.Dataset) for each in found.values())
+        else:
+            known = name.endswith("events") and (bool(item.dtype.names) or item.shape[1:] == (4,))
+        if known:
+            cameras.append(f"/{name}")
+
+    file.visititems(visit)
+    told = ", ".join(cameras[:8])
+    if not cameras:
+        raise damaged(path, f"it holds {', '.join(file)[:80] or 'nothing'}; expected events/t, x, y, p")
+    if topic is None and len(cameras) > 1:
+        raise InputError(f"{path}: holds events of several cameras: {told}; name one of them: '{path}#{cameras[0]}'")
+    if topic is not None and topic not in cameras:
+        raise InputError(f"{path}: has no events in {topic}; expected one of {told}")
+    return file[topic or cameras[0]]
 
 
 def index_at(file: Any, time_us: int) -> int:
@@ -180,9 +210,16 @@ def _need_filters(path: Path, column: Any) -> None:
 
 
 def _size(file: Any, group: Any) -> tuple[int | None, int | None]:
-    """Return the sensor's width and height, which event_utils tells as rows and columns."""
+    """Return the sensor's width and height: event_utils tells rows and columns, M3ED and MVSEC what is in the group."""
     if "width" in group.attrs and "height" in group.attrs:
         return int(group.attrs["width"]), int(group.attrs["height"])
+    if "calib/resolution" in group:
+        width, height = np.ravel(group["calib/resolution"]).tolist()
+        return int(width), int(height)
+    if "image_raw" in group:
+        return group["image_raw"].shape[2], group["image_raw"].shape[1]
+    if geometry := re.fullmatch(r"(\d+)x(\d+)", str(file.attrs.get("geometry", ""))):
+        return int(geometry[1]), int(geometry[2])
     told = np.ravel(file.attrs.get("sensor_resolution", ()))
     return (int(told[1]), int(told[0])) if len(told) == 2 else (None, None)
 
@@ -206,6 +243,12 @@ def _read(file: Any, columns: dict[str, Any], labels: Labels, offset: int, in_se
 
 
 def _read_table(file: Any, table: Any) -> Iterator[EventBatch]:
+    of_mvsec = _OF_MVSEC.fullmatch(table.name) is not None
     with file:
         for start in range(0, len(table), CHUNK_EVENTS):
-            yield of_array(table[start : start + CHUNK_EVENTS], start)
+            rows = table[start : start + CHUNK_EVENTS]
+            if of_mvsec:
+                x, y, time_s, p = rows.T
+                yield from_columns(np.rint(time_s * 1e6), x, y, p, first_row=start)
+            else:
+                yield of_array(rows, start)

@@ -59,8 +59,9 @@ def open_source(path: Path) -> EventSource:
     """Open a text file: ``t x y p`` between spaces, tabs, commas or semicolons.
 
     A first line of names, also behind a ``#``, tells the order of the columns, and the unit of t where it has one
-    (``timestamp [ns]``, ``t_s``). Otherwise t is in seconds where it has a decimal point, else in µs. A first line of
-    two numbers is the sensor's width and height. Other lines that begin with ``#`` are skipped; p is on where it is 1.
+    (``timestamp [ns]``, ``t_s``). Otherwise t is in seconds where it has a decimal point and is not
+    always whole (``1164.0``, ``1.164e+03``), else in µs. A first line of two numbers is the sensor's width and height.
+    Other lines that begin with ``#`` are skipped; p is on where it is 1 or True.
     Metavision's order ``x,y,p,t`` is known by its first line ``%geometry:640,480``, or by its third column of 0 and 1.
     """
     with open_binary(path) as file:
@@ -71,6 +72,7 @@ def open_source(path: Path) -> EventSource:
 
 _US = {"s": 1e6, "sec": 1e6, "seconds": 1e6, "ms": 1e3, "us": 1.0, "µs": 1.0, "usec": 1.0, "ns": 1e-3, "nsec": 1e-3}
 _LOOK_AT = 1000
+_SOME_TIMES = 10
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ class _Table:
     @classmethod
     def of(cls, start: bytes) -> _Table:
         """Find out from the beginning of a file; raises ValueError for names that are not those of events."""
-        lines = start.decode("utf-8-sig", "replace").splitlines()[:_LOOK_AT]
+        lines = _with_digits(start).decode("utf-8-sig", "replace").splitlines()[:_LOOK_AT]
         rows = [(k, line.strip()) for k, line in enumerate(lines) if line.strip()]
         names: dict[str, str] | None = None
         order: list[str] = []
@@ -132,15 +134,32 @@ class _Table:
         else:
             columns = (0, 1, 2, 3)
         times = [_fields(row, separator)[columns[0] : columns[0] + 1] for row in data]
-        fractions = any(sign in word for time in times for word in time for sign in ".eE")
+        words = [word for time in times for word in time]
+        fractions = any(sign in word for word in words for sign in ".eE")
         unit = _unit(order[columns[0]]) if names is not None else None
-        return cls(columns, separator, unit or (1e6 if fractions else 1.0), fractions, skip, names is not None, size)
+        in_seconds = fractions and not _are_whole(words)
+        return cls(columns, separator, unit or (1e6 if in_seconds else 1.0), fractions, skip, names is not None, size)
 
 
 def _ends_in_time(rows: list[str], separator: str | None) -> bool:
     """Whether columns without names must be x, y, p, t: the third one has polarities, and the fourth other values."""
     whole = [words for row in rows if len(words := _fields(row, separator)) == 4]
     return _are_polarities(words[2] for words in whole) and not _are_polarities(words[3] for words in whole)
+
+
+def _are_whole(words: list[str]) -> bool:
+    """Whether times with a point are whole numbers all the same, as programs write µs that they hold as floats."""
+    if not all(re.fullmatch(r"\d+\.0?|\d(\.\d*)?e[+-]\d+", word) for word in words):
+        return False
+    times = {float(word) for word in words}
+    return len(times) >= _SOME_TIMES and all(time.is_integer() for time in times)
+
+
+def _with_digits(body: bytes) -> bytes:
+    """Return text with 1 and 0 for True and False, which Python's programs write for polarities."""
+    if b"rue" in body or b"RUE" in body or b"als" in body or b"ALS" in body:
+        body = re.sub(rb"(?i)\btrue\b", b"1", re.sub(rb"(?i)\bfalse\b", b"0", body))
+    return body
 
 
 def _are_polarities(words: Iterable[str]) -> bool:
@@ -200,6 +219,7 @@ def _whole_lines(path: Path, file: BinaryIO) -> Iterator[bytes]:
 def _parse(path: Path, body: bytes, table: _Table, row: int) -> EventBatch:
     if not body.strip():
         return empty_batch()
+    body = _with_digits(body)
     fractions = table.fractions or table.unit_us != 1.0
     kind = np.dtype([("t", "f8" if fractions else "i8"), ("x", "f8"), ("y", "f8"), ("p", "f8")])
     options: dict[str, Any] = {"delimiter": table.separator, "comments": "#", "ndmin": 1, "encoding": "latin-1"}
@@ -216,6 +236,7 @@ def _parse(path: Path, body: bytes, table: _Table, row: int) -> EventBatch:
     t = rows["t"]
     if fractions:
         if not np.all(np.abs(t) * table.unit_us < _LATEST_US):
-            raise InputError(f"{path}: a time after row {row} is not a number of seconds below 9e9")
+            limit = "seconds below 9e9" if table.unit_us == 1e6 else "µs below 9e15"
+            raise InputError(f"{path}: a time after row {row} is not a number of {limit}")
         t = np.rint(t * table.unit_us)
     return from_columns(t, rows["x"], rows["y"], rows["p"], first_row=row)
