@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +15,9 @@ from clsim.scene.motion import Keyframes, Matrix, Motion, Quaternion, Static, Ve
 from clsim.values import read_text
 
 MAX_BYTES = 256 << 20
+_LATEST_S = 1e11
+"""In the year 5138: what is later counts in another unit."""
+_W_FIRST = re.compile(r"\bq_?w\b[\s,]+q_?x\b[\s,]+q_?y\b[\s,]+q_?z\b")
 Interpolation = Literal["linear", "cubic"]
 Axes = Literal["opencv", "opengl"]
 Timed = tuple[str, float, list[float]]
@@ -92,7 +96,8 @@ def read_tum(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation 
     Time starts at the first line. Source: Sturm et al., IROS 2012.
 
     Args:
-        path: the file; empty lines and those that start with # are skipped.
+        path: the file; empty lines and those that start with # are skipped, but for one that names the columns with
+            qw before qx. Commas may stand between the numbers.
         axes: the camera's: ``opencv`` looks along +z with y down, as in the benchmark; ``opengl`` along −z with y up.
         interpolation: how to join the poses.
 
@@ -100,10 +105,14 @@ def read_tum(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation 
         InputError: naming file and line.
     """
     poses: list[Timed] = []
+    w_first = False
     for number, line in enumerate(read_text(path, MAX_BYTES, "a trajectory").splitlines(), start=1):
-        words = line.split()
-        if words and not words[0].startswith("#"):
-            poses.append(_line(f"{path}:{number}", words))
+        words = line.replace(",", " ").split()
+        if words and words[0].startswith("#"):
+            w_first = w_first or _W_FIRST.search(line.lower()) is not None
+        elif words:
+            place, time_s, (x, y, z, *turn) = _line(f"{path}:{number}", words)
+            poses.append((place, time_s, [x, y, z, *turn[1:], turn[0]] if w_first else [x, y, z, *turn]))
     return joined(path, poses, axes, interpolation)
 
 
@@ -117,6 +126,8 @@ def joined(path: Path, poses: list[Timed], axes: Axes, interpolation: Interpolat
     positions: list[Vec3] = []
     rotations: list[Quaternion] = []
     for place, time_s, (x, y, z, *quaternion) in poses:
+        if time_s > _LATEST_S:
+            raise InputError(f"{place}: time {time_s:.9g} is no time in seconds (nanoseconds?)")
         since_s = time_s - poses[0][1]
         if times and not since_s > times[-1]:
             raise InputError(f"{place}: time {time_s:.9g} s does not come after the one before")

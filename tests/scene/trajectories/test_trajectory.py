@@ -141,3 +141,24 @@ def test_before_its_first_keyframe_and_after_its_last_a_motion_waits(tmp_path, i
     motion = load_world(scene(tmp_path, camera)).camera.motion
     for time_s, key_s in ((0.0, 1.0), (0.9, 1.0), (3.5, 3.0)):
         np.testing.assert_allclose(motion.pose(time_s), motion.pose(key_s), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "comment", ["# timestamp tx ty tz qw qx qy qz", "#time, x, y, z, q_w, q_x, q_y, q_z", "# a\n#qw qx qy qz"]
+)
+def test_a_comment_may_tell_that_w_comes_first(tmp_path, comment):
+    (tmp_path / "a.txt").write_text("# timestamp tx ty tz qx qy qz qw\n0 1 2 3 0.1 0.7 0.1 0.7\n")
+    (tmp_path / "b.txt").write_text(comment + "\n0 1 2 3 0.7 0.1 0.7 0.1\n")
+    plain, first = (read_tum(tmp_path / name).pose(0.0) for name in ("a.txt", "b.txt"))
+    np.testing.assert_allclose(first, plain, atol=1e-12)
+
+
+def test_commas_may_stand_between_numbers(tmp_path):
+    (tmp_path / "a.txt").write_text("0,1,2,3,0,0,0,1\n1.5, 1, 2, 4, 0, 0, 0, 1\n")
+    assert read_tum(tmp_path / "a.txt").pose(1.5)[:3, 3].tolist() == [1, 2, 4]
+
+
+def test_times_in_nanoseconds_are_no_seconds(tmp_path):
+    (tmp_path / "a.txt").write_text("1403636579763555584 1 2 3 0 0 0 1\n1403636579863555584 1 2 3 0 0 0 1\n")
+    with pytest.raises(InputError, match=r"a.txt:1: time 1.40363658e\+18 is no time in seconds \(nanoseconds\?\)"):
+        read_tum(tmp_path / "a.txt")
