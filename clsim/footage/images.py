@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import glob
 import re
+from collections import Counter
+from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from clsim.errors import InputError
 from clsim.footage import Transfer
@@ -16,7 +21,7 @@ from clsim.footage.tiff import float_picture
 from clsim.footage.transfer import decode
 from clsim.footage.video import first_frame, open_media
 from clsim.frames import SourceEnded
-from clsim.frames.frame import FloatArray
+from clsim.frames.frame import FloatArray, page_aligned
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm")
 _HDR = ("pq", "hlg")
@@ -47,7 +52,10 @@ class Pictures(Footage):
             # What libav tells of pictures is a guess of its decoders, but for HDR.
             told = self._kind.transfer if self._kind.transfer in _HDR else None
             transfer = told or ("linear" if self._kind.steps is None else "srgb")
-        super().__init__(where, size, self._kind.steps, transfer, reading)
+        warnings = () if reading.times_us is not None else tuple(_leaps(path, self._files))
+        if len(self._files) == 1:
+            warnings = (f"{where} is taken as one picture, and nothing changes in it; expected a file for each",)
+        super().__init__(where, size, self._kind.steps, transfer, reading, warnings)
         self.frame_count = len(self._files)
         if times_us is not None and len(times_us) > 1:
             self.fps = 1e6 * (len(times_us) - 1) / (times_us[-1] - times_us[0])
@@ -85,14 +93,34 @@ class _Picture:
                 _check_whole_jpeg(where)
             self._frame, _ = first_frame(container, where)
             self.kind = pixel_format(self._frame, where)
-            self.size = self._frame.width, self._frame.height
+            self._stored = self._frame.width, self._frame.height
+            self._turns = int(self._frame.rotation) // 90 % 4  # by EXIF
+            self.size = self._stored[::-1] if self._turns % 2 else self._stored
 
     def to_light(self, transfer: Transfer, out_rgb: FloatArray) -> None:
-        if self._floats is None:
+        if self._floats is None and self._turns:
+            width, height = self._stored
+            scratch = page_aligned((3, height, width))
+            to_light(self._frame, self.kind, transfer, scratch)
+            out_rgb[...] = np.rot90(scratch, self._turns, axes=(1, 2))
+        elif self._floats is None:
             to_light(self._frame, self.kind, transfer, out_rgb)
         else:
             out_rgb[...] = self._floats  # grey spreads over three
             decode(out_rgb, transfer)
+
+
+def _leaps(path: str | Path, files: list[Path]) -> Iterator[str]:
+    """Yield a warning where the numbers of pictures count evenly but for a leap: some are missing."""
+    numbers = [int(found[-1]) for file in files if (found := re.findall(r"\d+", file.stem))]
+    steps = Counter(b - a for a, b in pairwise(numbers))
+    if len(numbers) < len(files) or len(steps) < 2 or min(steps) < 1:
+        return
+    (step, count), *_ = steps.most_common(1)
+    if count < sum(steps.values()) / 2 or any(each % step for each in steps):
+        return  # such as times in names
+    a, b = next((a, b) for a, b in pairwise(numbers) if b - a > step)
+    yield f"{path}: its numbers leap from {a} to {b}, and what is missing takes no time; give `times` of the pictures"
 
 
 def _check_whole_jpeg(where: str) -> None:

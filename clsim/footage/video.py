@@ -53,6 +53,8 @@ class Video(Footage):
             if chosen is None:
                 chosen = "bt709"
                 warnings = (f"{where} does not tell its transfer function: taken as bt709; see `transfer`",)
+            if first.interlaced_frame:
+                warnings = (*warnings, f"{where} is interlaced: lines of two times are taken as of one; deinterlace it")
             super().__init__(where, size, self._kind.steps, chosen, reading, warnings)
         except BaseException:
             self.close()
