@@ -138,7 +138,7 @@ def test_names_textures_and_what_is_left_out() -> None:
     )  # fmt: skip
     assert world.camera.motion.pose(0.0)[:3, 3] == pytest.approx([0.0, 1.4, 3.0])
     floor = world.materials[int(world.meshes[0].material_ids[0])]
-    assert floor.texture == 0 and world.textures[0].uv_matrix == ((2.0, 0.0, 0.0), (0.0, 2.0, 0.0))
+    assert floor.texture == 0 and world.textures[0].uv_matrix == ((1.0, 0.0, 4.0), (0.0, 1.0, 3.0))
     assert world.environment == pytest.approx((0.1, 0.1, 0.1))
     (sun,) = world.punctual_lights
     assert sun.kind == "directional" and sun.intensity == pytest.approx((0.6 * math.pi,) * 3)

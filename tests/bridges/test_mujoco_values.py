@@ -134,8 +134,8 @@ def test_a_layer_of_colours_is_the_texture_of_its_material(role: str) -> None:
 
 @pytest.mark.parametrize("kind", ["plane", "box"])
 @pytest.mark.parametrize("uniform", ["false", "true"])
-def test_textures_repeat_over_a_face_or_over_a_metre(kind: str, uniform: str) -> None:
-    """MuJoCo's XML reference: texrepeat is relative to the object's size, or with texuniform to the spatial unit."""
+def test_textures_repeat_over_a_face_or_over_two_metres(kind: str, uniform: str) -> None:
+    """MuJoCo's XML reference tells of one spatial unit with texuniform; its renderer takes half sizes, that is two."""
     world = MujocoScene(*load(PLANE.format(uniform=uniform, kind=kind)), resolution=(8, 6)).world
     (mesh,) = world.meshes
     texture = world.textures[world.materials[int(mesh.material_ids[0])].texture]
@@ -145,7 +145,7 @@ def test_textures_repeat_over_a_face_or_over_a_metre(kind: str, uniform: str) ->
     found = np.column_stack([mesh.uvs[top], np.ones(len(top))]) @ np.array(texture.uv_matrix).T
     corner = np.lexsort((places[:, 1], places[:, 0]))
     least, most = found[corner[0]], found[corner[-1]]
-    across, along = (3, 5) if uniform == "false" else (3 * 4.0, 5 * 1.0)
+    across, along = (3, 5) if uniform == "false" else (3 * 2.0, 5 * 0.5)
     assert sorted(np.abs(most - least)) == pytest.approx(sorted((across, along)))
     if kind == "plane":
         assert np.abs(most - least) == pytest.approx((across, along))

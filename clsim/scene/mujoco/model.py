@@ -67,10 +67,10 @@ class ShownModel:
         """Return the world, with everything where it is in the data now; raises InputError for what cannot be shown."""
         eye = camera_of(self._model, self._camera, self._resolution, Static(self.camera_pose()))
         builder = WorldBuilder(eye, name)
-        self._add_bodies(builder)
+        surfaces = self._add_bodies(builder)
         self._add_lights(builder)
         world = builder.world(environment=sky(self._model), sensor=sensor, fps=fps)
-        return _with_warnings(world, self._model)
+        return _with_warnings(world, self._model, surfaces.means)
 
     def update(self) -> None:
         """Compute from the data's state where bodies, cameras and lights are; the state stays as it is."""
@@ -103,7 +103,7 @@ class ShownModel:
         place, towards = _UP @ self._data.light_xpos[index], _UP @ self._data.light_xdir[index]
         return look_at(place, place + towards)
 
-    def _add_bodies(self, builder: WorldBuilder) -> None:
+    def _add_bodies(self, builder: WorldBuilder) -> Surfaces:
         model, surfaces = self._model, Surfaces(self._model, builder)
         for body in range(model.nbody):
             first = int(model.body_geomadr[body])
@@ -122,6 +122,7 @@ class ShownModel:
             builder.add_parts(name, parts, pose)
             if _goes(model, body, 0):
                 self.bodies[body] = name
+        return surfaces
 
     def _add_lights(self, builder: WorldBuilder) -> None:
         model = self._model
@@ -176,7 +177,7 @@ def _lifted(quaternions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.asarray(np.stack([x - w, y + z, z - y, w + x], axis=1) * _HALF)
 
 
-def _with_warnings(world: World, model: Any) -> World:
+def _with_warnings(world: World, model: Any, means: int) -> World:
     import mujoco
 
     lacking = [
@@ -186,6 +187,7 @@ def _with_warnings(world: World, model: Any) -> World:
         ((model.geom_type == mujoco.mjtGeom.mjGEOM_SDF).sum(), "signed distance fields"),
         ((model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX).sum(), "a skybox"),
         ((model.mat_reflectance > 0).sum(), "reflectance"),
+        (means, "textures on things without coordinates (their mean colour stands in)"),
     ]
     left_out = [f"mujoco: the model has {what}, which clsim leaves out" for count, what in lacking if count]
     return replace(world, warnings=(*world.warnings, *left_out))

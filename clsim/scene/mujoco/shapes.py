@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from clsim.scene.meshes.geometry import smooth_normals, transformed
+from clsim.scene.mujoco.surfaces import is_cube, texture_of
 from clsim.scene.shapes import box
 from clsim.scene.world import Mesh
 
@@ -30,7 +32,7 @@ def mesh_of(model: Any, geom: int) -> Mesh | None:
         half = [each if each > 0 else 10.0 * float(model.stat.extent) for each in size[:2].tolist()]
         return _plane(half[0], half[1])
     if kind == kinds.mjGEOM_BOX:
-        return box((2 * size[0], 2 * size[1], 2 * size[2]))
+        return _box(model, geom)
     if kind == kinds.mjGEOM_SPHERE:
         return _turned(_cap(size[0], 0.0, -1.0) + _cap(size[0], 0.0, 1.0))
     if kind == kinds.mjGEOM_ELLIPSOID:
@@ -46,6 +48,27 @@ def mesh_of(model: Any, geom: int) -> Mesh | None:
     if kind == kinds.mjGEOM_HFIELD:
         return _height_field(model, int(model.geom_dataid[geom]))
     return None
+
+
+def _box(model: Any, geom: int) -> Mesh:
+    """Return a box, each of whose sides has u and v from 0 to 1, or those of its part of the texture of a cube."""
+    size = model.geom_size[geom]
+    mesh = box((2 * size[0], 2 * size[1], 2 * size[2]))
+    texture = texture_of(model, geom)
+    if not is_cube(model, texture):
+        return replace(mesh, uvs=np.tile(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32), (6, 1)))
+    width, height = int(model.tex_width[texture]), int(model.tex_height[texture])
+    uvs = []
+    for side, corners in enumerate(np.sign(mesh.vertices.astype(np.float64)).reshape(6, 4, 3)):
+        axis, up = side // 2, side % 2  # of two sides the lower one comes first
+        x, y, z = corners.T
+        # As OpenGL lays a cube's pictures; their rows go down.
+        s = ((z, -z), (x, x), (-x, x))[axis][up]
+        t = (-y, (z if up else -z), -y)[axis]
+        picture = 2 * axis + 1 - up if height > width else 0
+        inside = 0.5 + 0.5 * t * (1 - 1 / width)  # half a pixel from the next picture
+        uvs.append(np.stack([0.5 + 0.5 * s, 1 - (picture + inside) * width / height], axis=1))
+    return replace(mesh, uvs=np.concatenate(uvs).astype(np.float32))
 
 
 def _plane(x: float, y: float) -> Mesh:

@@ -24,12 +24,17 @@ _DEFAULT = (0.5, 0.5, 0.5, 1.0)
 
 
 class Surfaces:
-    """Materials of a model's geoms, each image once."""
+    """Materials of a model's geoms, each image once.
+
+    Attributes:
+        means: how many geoms have the mean colour of an image instead of the image.
+    """
 
     def __init__(self, model: Any, builder: WorldBuilder) -> None:
         """Begin without images; textures go to ``builder``."""
         self._model, self._builder = model, builder
         self._images: dict[tuple[int, tuple[float, ...]], int] = {}
+        self.means = 0
 
     def of(self, geom: int, mesh: Mesh) -> Material | None:
         """Return the material of a geom of that mesh; None where it is invisible.
@@ -58,15 +63,16 @@ class Surfaces:
             metallic = max(float(model.mat_metallic[index]), 0.0)
             alpha = roughness**2 if roughness >= 0 else 1.0
             material = replace(material, kind="principled", metallic=metallic, alpha=alpha)
-        texture = int(max(model.mat_texid[index, 1], model.mat_texid[index, 8]))  # the roles RGB and RGBA
+        texture = texture_of(model, geom)
         if texture < 0:
             return replace(material, color=_vec3(color))
-        if mesh.uvs is None:
+        if mesh.uvs is None or (is_cube(model, texture) and not _is_box(model, geom)):
+            self.means += 1
             return replace(material, color=_vec3(color * decode_srgb(self._pixels(texture) / 255.0).mean(axis=(0, 1))))
         return replace(material, color=_vec3(color), texture=self._image(texture, self._repeat(geom, index)))
 
     def _repeat(self, geom: int, material: int) -> tuple[float, float, float, float]:
-        """Return factors and offsets of u and v: those of planes and boxes are metres from the middle."""
+        """Return factors and offsets of u and v: a plane has metres from its middle, a side of a box parts of it."""
         import mujoco
 
         model = self._model
@@ -74,8 +80,12 @@ class Surfaces:
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
             return u, v, 0.0, 0.0
         x, y = model.geom_size[geom][:2].tolist()
-        if model.mat_texuniform[material] or min(x, y) <= 0:
-            return u, v, 0.0, 0.0
+        if model.mat_texuniform[material]:  # a repeat is two metres then, as MuJoCo draws it
+            u, v = (repeat * side if side > 0 else repeat for repeat, side in ((u, x), (v, y)))
+        if _is_box(model, geom):
+            return (1.0, 1.0, 0.0, 0.0) if is_cube(model, texture_of(model, geom)) else (u, v, 0.0, 0.0)
+        if min(x, y) <= 0:  # endless
+            return u / (2 * x if x > 0 else 2), v / (2 * y if y > 0 else 2), 0.5, 0.5
         return u / (2 * x), v / (2 * y), 0.5 * u, 0.5 * v
 
     def _image(self, texture: int, repeat: tuple[float, float, float, float]) -> int:
@@ -96,6 +106,26 @@ class Surfaces:
         first = int(model.tex_adr[texture])
         pixels = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
         return np.ascontiguousarray(pixels[..., :3] if channels >= 3 else np.repeat(pixels[..., :1], 3, axis=2))
+
+
+def texture_of(model: Any, geom: int) -> int:
+    """Return the number of the texture that gives a geom its colours; negative for none."""
+    material = int(model.geom_matid[geom])
+    # The roles RGB and RGBA.
+    return int(max(model.mat_texid[material, 1], model.mat_texid[material, 8])) if material >= 0 else -1
+
+
+def is_cube(model: Any, texture: int) -> bool:
+    """Tell whether a texture is that of a cube, six pictures below each other, or one for all sides."""
+    import mujoco
+
+    return texture >= 0 and bool(model.tex_type[texture] == mujoco.mjtTexture.mjTEXTURE_CUBE)
+
+
+def _is_box(model: Any, geom: int) -> bool:
+    import mujoco
+
+    return bool(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX)
 
 
 def sky(model: Any) -> Vec3:
