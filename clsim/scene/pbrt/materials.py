@@ -32,6 +32,8 @@ GLASSES = {
 """Refractive indices at the yellow sodium line by the names of pbrt-v4."""
 WHITE: Vec3 = (1.0, 1.0, 1.0)
 LEAST_ALPHA = 0.001
+KNOWN = ("diffuse", "coateddiffuse", "conductor", "coatedconductor", "dielectric", "thindielectric")
+"""Materials that are read; of others a warning tells."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +91,12 @@ class MaterialReader:
         else:
             self._warn(f"the texture {kind} is left out; grey stands in")
             self._named[name] = NamedTexture((0.5, 0.5, 0.5))
+            return
+        parameters.tell_unread(f"texture {kind}", self._warn)
 
     def texture(self, parameters: Parameters, name: str, default: float) -> NamedTexture:
         """Return a parameter that may be a texture."""
-        parameter = parameters.found.get(name)
+        parameter = parameters.found.find(name)
         if parameter is None or parameter.type != "texture":
             return NamedTexture(self.color(parameters, name, default))
         wanted = parameters.word(name, "")
@@ -103,7 +107,7 @@ class MaterialReader:
     def color(self, parameters: Parameters, name: str, default: float, *, emits: bool = False) -> Vec3:
         """Return a colour parameter: rgb, a spectrum or a number; spectra of lights are taken as they are."""
         convert = _rgb_of_luminance_one if emits else rgb_of_reflectance
-        parameter = parameters.found.get(name)
+        parameter = parameters.found.find(name)
         if parameter is None:
             return default, default, default
         numbers = parameter.numbers.tolist()
@@ -219,6 +223,8 @@ class MaterialReader:
         if normals:
             pixels = self._image(file_of(parameters.place, normals, self._folder))
             material = replace(material, normal_texture=self._append(ImageTexture(pixels, srgb=False)))
+        if kind in KNOWN:
+            parameters.tell_unread(f"material {kind}", self._warn)
         return material
 
     def _surface(self, kind: str, parameters: Parameters) -> Material:

@@ -108,10 +108,12 @@ def read_camera(
         width_m = float(np.linalg.norm(start[:3, 0])) * (right - left)
         if parameters.number("lensradius", 0.0):
             warn("the lens radius of an orthographic camera is left out")
+        parameters.tell_unread("camera", warn)
         return Camera(width, height, 45.0, motion, 0.0, replace(lens, model="orthographic", view_width_m=width_m))
     across = math.tan(math.radians(fov / 2)) * (right - left) / 2  # pbrt's fov is that of the shorter side
     if radius := parameters.number("lensradius", 0.0):
         lens = replace(lens, aperture_radius_m=radius, focus_distance_m=parameters.number("focaldistance", 1e6))
+    parameters.tell_unread("camera", warn)
     return Camera(width, height, 2 * math.degrees(math.atan(across)), motion, 0.0, lens)
 
 

@@ -311,6 +311,7 @@ class _Reader:
             self._warn("the images and powers of area lights are left out")
         emission = light_color(self.materials, parameters, "L")
         self.state = replace(self.state, emission=emission, emission_two_sided=parameters.flag("twosided", False))
+        parameters.tell_unread("diffuse area light", self._warn)
 
     def _do_Shape(self) -> None:  # noqa: N802
         kind = self.tokens.string()
@@ -330,6 +331,7 @@ class _Reader:
         ids = np.full(len(mesh.triangles), self.materials.index(material), np.int32)
         placed = Placed(len(self.meshes), self.state.transform)
         self.meshes.append(replace(mesh, material_ids=ids))
+        parameters.tell_unread(kind, self._warn)
         (self.placed if self.object is None else self.object).append(placed)
 
     def _do_LightSource(self) -> None:  # noqa: N802
@@ -353,6 +355,7 @@ class _Reader:
             self._warn(f"lights of type {kind} are left out")
         else:
             self.lights.append(light)
+            parameters.tell_unread(f"light {kind}", self._warn)
 
     # The world
 

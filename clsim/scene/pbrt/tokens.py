@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -22,6 +22,11 @@ MAX_INCLUDE_DEPTH = 32
 TOKEN = re.compile(r'[ \t\r\n]+|#[^\n]*|"(?:\\.|[^"\\\n])*"|[\[\]]|[^\s"#\[\]]+')
 NUMBERS = re.compile(r"[\s0-9eE.+\-]+(?=[\]])")
 """A whole list of numbers: read at once, for meshes have millions."""
+HARMLESS = {
+    *("shutteropen", "shutterclose", "maxanisotropy", "edgelength", "levels", "scheme", "faceIndices", "S", "name"),
+    *("thickness", "maxdepth", "nsamples", "remaproughness", "focaldistance"),
+}
+"""Parameters that say how pbrt samples, or that matter little."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ class Tokens:
 
     def parameters(self) -> Parameters:
         """Take a list of parameters, each a quoted type and name with its values."""
-        found: dict[str, Parameter] = {}
+        found = Found()
         while (token := self.peek()) is not None and token.quoted:
             self.take()
             words = token.text.split()
@@ -127,16 +132,42 @@ class Parameter:
     words: list[str]
 
 
+class Found(dict[str, Parameter]):
+    """Parameters by their names, which remembers what was asked for."""
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        super().__init__()
+        self.asked: set[str] = set()
+
+    def find(self, name: str) -> Parameter | None:
+        """Return a parameter; None where it is missing."""
+        if name in self:
+            return self[name]
+        return None
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a parameter."""
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+
 @dataclass(frozen=True)
 class Parameters:
     """A parameter list; ``place`` is where it ends."""
 
-    found: dict[str, Parameter]
+    found: Found
     place: str
+
+    def tell_unread(self, what: str, warn: Callable[[str], None]) -> None:
+        """Warn of the parameters that nothing has asked for, but for those that change no picture here."""
+        for name in self.found:
+            if name not in self.found.asked | HARMLESS and not name.startswith("interface."):
+                warn(f"the {name} of a {what} is left out")
 
     def number(self, name: str, default: float) -> float:
         """Return a number."""
-        parameter = self.found.get(name)
+        parameter = self.found.find(name)
         if parameter is None or parameter.type in ("texture", "spectrum"):
             return default
         if len(parameter.numbers) != 1:
@@ -145,7 +176,7 @@ class Parameters:
 
     def four(self, name: str) -> list[float] | None:
         """Return four numbers; None where they are missing."""
-        parameter = self.found.get(name)
+        parameter = self.found.find(name)
         if parameter is None:
             return None
         if len(parameter.numbers) != 4:
@@ -155,7 +186,7 @@ class Parameters:
 
     def word(self, name: str, default: str) -> str:
         """Return a string."""
-        parameter = self.found.get(name)
+        parameter = self.found.find(name)
         if parameter is None:
             return default
         if len(parameter.words) != 1:
@@ -169,7 +200,7 @@ class Parameters:
     def rows(self, width: int, *names: str) -> npt.NDArray[np.float64] | None:
         """Return the numbers of the first of some names as rows ``[n, width]``; None where all are missing."""
         for name in names:
-            parameter = self.found.get(name)
+            parameter = self.found.find(name)
             if parameter is not None:
                 if len(parameter.numbers) % width:
                     raise InputError(

@@ -64,11 +64,17 @@ def parse(data: dict[str, Any], source: Path) -> SceneTable:
     try:
         scene = SceneTable.model_validate(data)
     except ValidationError as error:
-        problems = [f"{_key_path(e['loc'], data)}: {_sentence(e)}" for e in error.errors(include_url=False)]
+        found = [e for e in error.errors(include_url=False) if not _follows_from_items(e)]
+        problems = [f"{_key_path(e['loc'], data)}: {_sentence(e)}" for e in found]
     problems += _conflicts(data)
     if problems or scene is None:
         raise InputError("\n".join(f"{source}: {problem}" for problem in dict.fromkeys(problems)))
     return scene
+
+
+def _follows_from_items(error: ErrorDetails) -> bool:
+    """Tell whether a list is called too short only because what is wrong with its items was told before."""
+    return error["type"] == "too_short" and len(error["input"]) >= error["ctx"]["min_length"]
 
 
 def _conflicts(data: dict[str, Any]) -> Iterator[str]:

@@ -132,3 +132,37 @@ def test_a_loopsubdiv_is_its_cage_with_smooth_normals(tmp_path):
     mesh = world.meshes[0]
     assert len(mesh.triangles) == 4 and mesh.normals is not None
     assert world.warnings == ("scene.pbrt: a loopsubdiv is not subdivided: it gets smooth normals instead",)
+
+
+@pytest.mark.parametrize(
+    ("told", "warning"),
+    [
+        ('Shape "sphere" "float raduis" 3', "the raduis of a sphere is left out"),
+        ('LightSource "point" "rgb L" [1 2 3]', "the L of a light point is left out"),
+        ('AreaLightSource "diffuse" "integer samples" 4', "the samples of a diffuse area light is left out"),
+        ('Material "diffuse" "float roughness" 0.1', "the roughness of a material diffuse is left out"),
+        ('Material "coateddiffuse" "float g" 0.5', "the g of a material coateddiffuse is left out"),
+        ('Texture "t" "spectrum" "constant" "rgb color" [1 1 1]', "the color of a texture constant is left out"),
+    ],
+)
+def test_parameters_that_are_not_known_are_told(tmp_path, told, warning):
+    assert load(tmp_path, f"{told} {TRIANGLE}").warnings == (f"scene.pbrt: {warning}",)
+
+
+def test_what_usual_scenes_tell_is_no_cause_for_warnings(tmp_path):
+    head = """LookAt 0 0 -5  0 0 0  0 1 0
+Camera "perspective" "float fov" 84 "float focaldistance" 1e6 "float lensradius" 0 "float shutteropen" 0
+Film "rgb" "string filename" "a.exr" "integer xresolution" 64 "integer yresolution" 48 "float iso" 250
+Sampler "halton" "integer pixelsamples" 64
+Integrator "volpath" "integer maxdepth" 15
+"""
+    body = """Material "coateddiffuse" "rgb reflectance" [.4 .2 .2] "float uroughness" .01 "float vroughness" .01
+  "float thickness" .01 "bool remaproughness" true
+MakeNamedMaterial "m" "string type" "conductor" "spectrum eta" "metal-Al-eta" "spectrum k" "metal-Al-k"
+MakeNamedMaterial "g" "string type" "dielectric" "float eta" 1.33
+LightSource "spot" "blackbody I" 5000 "float scale" 3 "point3 from" [0 1 0] "point3 to" [0 0 0] "float coneangle" 20
+AttributeBegin AreaLightSource "diffuse" "blackbody L" 6500 "float scale" 50 "bool twosided" true
+Shape "sphere" "float radius" 3 AttributeEnd
+NamedMaterial "m" Shape "disk" "float radius" 2 "float height" 1
+"""
+    assert load(tmp_path, body + TRIANGLE, head).warnings == ()

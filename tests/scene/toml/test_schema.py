@@ -316,3 +316,11 @@ def test_files_that_are_no_scenes_are_not_said_to_be_missing(tmp_path):
     (tmp_path / "a.mat").write_bytes(b"")
     with pytest.raises(InputError, match=r"a\.mat: is no scene that clsim reads \(\.mat\), expected one of \.toml"):
         load_world(tmp_path / "a.mat")
+
+
+def test_a_list_whose_items_are_wrong_is_not_also_said_to_be_short(tmp_path):
+    keys = BOX + "keyframes = [{time_s = 0.0, PLACE}, {time_s = 1.0, PLACE}]\n"
+    keys = keys.replace("PLACE", "position = [0, 0, 0], rotation = [0, 0, 0]")
+    said = complaint(tmp_path, CAMERA + keys).splitlines()
+    assert len(said) == 2 and all("rotation: unknown key, did you mean 'rotation_deg'?" in line for line in said)
+    assert "keyframes: expected at least 1 item, got []" in complaint(tmp_path, CAMERA + BOX + "keyframes = []\n")
