@@ -70,8 +70,8 @@ class MaterialReader:
             self.materials.append(material)
         return self._indices[material]
 
-    def add_texture(self, name: str, kind: str, parameters: Parameters) -> None:
-        """Remember a named texture."""
+    def add_texture(self, name: str, kind: str, parameters: Parameters, *, number: bool) -> None:
+        """Remember a named texture, of colours or of a ``number``."""
         if kind == "constant":
             self._named[name] = NamedTexture(self.color(parameters, "value", 1.0))
         elif kind == "scale":
@@ -85,7 +85,7 @@ class MaterialReader:
             a, b, c = (x * y for x, y in zip(inner.color, factor.color, strict=True))
             self._named[name] = NamedTexture((a, b, c), inner.index)
         elif kind == "imagemap":
-            self._named[name] = self._imagemap(parameters)
+            self._named[name] = self._imagemap(parameters, number)
         elif kind == "checkerboard":
             self._named[name] = NamedTexture(WHITE, self._checkerboard(parameters))
         else:
@@ -144,7 +144,7 @@ class MaterialReader:
         self._warn(f"the spectrum {name} is not known; 1 stands in")
         return WHITE
 
-    def _imagemap(self, parameters: Parameters) -> NamedTexture:
+    def _imagemap(self, parameters: Parameters, number: bool) -> NamedTexture:
         path = file_of(parameters.place, parameters.word("filename", ""), self._folder)
         wrapped = parameters.word("wrap", "repeat")
         if wrapped in ("black", "octahedralsphere"):
@@ -158,9 +158,13 @@ class MaterialReader:
         factor = parameters.number("scale", 1.0)
         inverted = factor if parameters.flag("invert", False) else None
         matrix = self._mapping(parameters)
-        key = (path, wrap, linear, nearest, inverted, matrix)
+        key = (path, wrap, linear, nearest, inverted, matrix, number)
         if key not in self._added:
             pixels = self._image(path)
+            if number and (pixels[..., 3] < 255).any():  # then pbrt takes the alpha, decoded as the colours are
+                pixels = np.concatenate(
+                    [np.repeat(pixels[..., 3:], 3, axis=2), np.full_like(pixels[..., 3:], 255)], axis=2
+                )
             if inverted is not None:  # 1 less the light that it would be
                 light = 1.0 - inverted * _light_of_codes(srgb=not linear)
                 codes = np.clip(light * 255.0 + 0.5, 0, 255).astype(np.uint8) if linear else encode_srgb8(light)

@@ -298,8 +298,8 @@ class _Reader:
         self.state = replace(self.state, material=self.named_materials[name])
 
     def _do_Texture(self) -> None:  # noqa: N802
-        name, _, kind = (self.tokens.string() for _ in range(3))
-        self.materials.add_texture(name, kind, self.tokens.parameters())
+        name, value, kind = (self.tokens.string() for _ in range(3))
+        self.materials.add_texture(name, kind, self.tokens.parameters(), number=value == "float")
 
     def _do_AreaLightSource(self) -> None:  # noqa: N802
         kind = self.tokens.string()

@@ -200,6 +200,21 @@ def test_a_picture_of_alpha_counts_by_the_mean_of_its_colours_as_light(tmp_path,
     np.testing.assert_allclose(opacity, scale * light.mean(axis=2), atol=0.5 / 255)
 
 
+@pytest.mark.parametrize("encoding", ["sRGB", "linear"])
+def test_a_number_is_the_alpha_of_a_picture_that_has_one(tmp_path, encoding):
+    """MIPMap of pbrt-v4: a number out of four channels is the last, unless that is 1 everywhere; leaves have it so."""
+    pixels = np.array([[(255, 255, 255, 0), (40, 90, 10, 255), (200, 100, 0, 128)]], np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "a.png")
+    told = f'"string filename" "a.png" "string encoding" "{encoding}"'
+    picture = f'Texture "t" "float" "imagemap" {told} Texture "c" "spectrum" "imagemap" {told}\n'
+    world = load(tmp_path, picture + 'Material "diffuse" "texture reflectance" "c" Shape "disk" "texture alpha" "t"')
+    found = world.materials[world.meshes[0].material_ids[0]]
+    alpha = np.array((0.0, 1.0, 128 / 255))
+    opacity = world.textures[found.opacity_texture].pixels[0, :, 3] / 255
+    np.testing.assert_allclose(opacity, decode_srgb(alpha) if encoding == "sRGB" else alpha, atol=0.5 / 255)
+    assert np.array_equal(world.textures[found.texture].pixels[..., :3], pixels[..., :3]), "colours stay"
+
+
 @pytest.mark.parametrize("table", ["400 1 2\n700 1 2\n", "400\n700\n", "400 nan\n700 1\n", "400 one\n"])
 def test_a_file_that_is_no_table_of_a_spectrum_is_refused(tmp_path, table):
     (tmp_path / "a.spd").write_text(table)
