@@ -12,6 +12,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.light.spectra import GLASSES, METALS
+from clsim.scene.mitsuba.blends import blended
 from clsim.scene.mitsuba.principled import LEAST_ALPHA, read_principled
 from clsim.scene.mitsuba.textures import WHITE, TextureReader, luminance
 from clsim.scene.mitsuba.values import Color
@@ -268,20 +269,7 @@ class MaterialReader:
         first, second = map(self._read, nested)
         weight, texture = self.textures.color(bsdf, "weight", 0.5, number=True)
         share = min(max(luminance(weight), 0.0), 1.0)
-        if {first.alpha_mode, second.alpha_mode} != {"opaque"}:
-            if max(first.opacity_texture, second.opacity_texture, texture) >= 0:
-                self._warn("masks within a blend that are textures, or whose weight is one, take those of the first")
-            else:
-                opacity = (1.0 - share) * first.opacity + share * second.opacity
-                share = share * second.opacity / max(opacity, 1e-9)
-                first = replace(first, alpha_mode="blend", opacity=opacity)
-        if first.blend_with >= 0:
-            if second.blend_with >= 0 or texture >= 0:
-                self._warn("of a blend within a blend, the first material stands in")
-                first = replace(first, blend_with=-1)
-            else:
-                first, second, share = second, first, 1.0 - share
-        return replace(first, blend_with=self._added(second), blend_share=share, blend_texture=texture)
+        return blended(first, second, share, texture, self._added, self._warn)
 
     def _read_null(self, bsdf: Plugin) -> Material:
         return Material(alpha_mode="blend", opacity=0.0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.light.spectra import METALS, blackbody_rgb, rgb_of_light, rgb_of_reflectance
+from clsim.scene.mitsuba.blends import blended
 from clsim.scene.pbrt.tokens import Parameters, file_of
 from clsim.scene.pictures.images import F64, U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
@@ -32,7 +33,7 @@ GLASSES = {
 """Refractive indices at the yellow sodium line by the names of pbrt-v4."""
 WHITE: Vec3 = (1.0, 1.0, 1.0)
 LEAST_ALPHA = 0.001
-KNOWN = ("diffuse", "coateddiffuse", "conductor", "coatedconductor", "dielectric", "thindielectric")
+KNOWN = ("mix", "diffuse", "coateddiffuse", "conductor", "coatedconductor", "dielectric", "thindielectric")
 """Materials that are read; of others a warning tells."""
 
 
@@ -50,12 +51,14 @@ class MaterialReader:
     Attributes:
         materials: what was read so far.
         textures: likewise.
+        named: materials by their names in the file.
     """
 
     def __init__(self, folder: Path, warn: Callable[[str], None]) -> None:
         """Read files from a folder; ``warn`` takes what World cannot hold."""
         self.materials: list[Material] = []
         self.textures: list[Texture] = []
+        self.named: dict[str, Material] = {}
         self._folder, self._warn = folder, warn
         self._named: dict[str, NamedTexture] = {}
         self._indices: dict[Material, int] = {}
@@ -234,6 +237,8 @@ class MaterialReader:
     def _surface(self, kind: str, parameters: Parameters) -> Material:
         if kind in ("", "none", "interface"):
             return Material(alpha_mode="blend", opacity=0.0)
+        if kind == "mix":
+            return self._mix(parameters)
         if kind == "conductor":
             return self._conductor(parameters, "")
         if kind == "coatedconductor":
@@ -254,6 +259,21 @@ class MaterialReader:
         if kind != "diffuse":
             self._warn(f"the material {kind} is rendered as diffuse")
         return base
+
+    def by_name(self, name: str, place: str) -> Material:
+        """Return a material that has a name; raises InputError where there is none."""
+        if name not in self.named:
+            raise InputError(f"{place}: there is no material {name!r} before this")
+        return self.named[name]
+
+    def _mix(self, parameters: Parameters) -> Material:
+        told = parameters.found.find("materials")
+        if told is None or len(told.words) != 2:
+            raise InputError(f"{parameters.place}: a mix has no two materials, expected their names")
+        first, second = (self.by_name(name, told.place) for name in told.words)
+        amount = self.texture(parameters, "amount", 0.5)
+        share = min(max(amount.color[0], 0.0), 1.0)
+        return blended(first, second, share, amount.index, self.index, self._warn)
 
     def _diffuse(self, parameters: Parameters) -> Material:
         reflectance = self.texture(parameters, "reflectance", 0.5)

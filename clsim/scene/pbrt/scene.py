@@ -92,7 +92,6 @@ class _Reader:
         self.meshes: list[Mesh] = []
         self.placed: list[Placed] = []
         self.lights: list[InMirror] = []
-        self.named_materials: dict[str, Material] = {}
         self.coordinate_systems: dict[str, Pair] = {}
         self.objects: dict[str, list[Placed]] = {}
         self.object: list[Placed] | None = None
@@ -289,13 +288,11 @@ class _Reader:
     def _do_MakeNamedMaterial(self) -> None:  # noqa: N802
         name = self.tokens.string()
         parameters = self.tokens.parameters()
-        self.named_materials[name] = self.materials.read(parameters.word("type", "diffuse"), parameters)
+        self.materials.named[name] = self.materials.read(parameters.word("type", "diffuse"), parameters)
 
     def _do_NamedMaterial(self) -> None:  # noqa: N802
         name = self.tokens.string()
-        if name not in self.named_materials:
-            raise InputError(f"{self.tokens.last}: there is no material {name!r} before this")
-        self.state = replace(self.state, material=self.named_materials[name])
+        self.state = replace(self.state, material=self.materials.by_name(name, self.tokens.last))
 
     def _do_Texture(self) -> None:  # noqa: N802
         name, value, kind = (self.tokens.string() for _ in range(3))

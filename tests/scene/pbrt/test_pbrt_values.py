@@ -278,3 +278,37 @@ def test_displacement_is_left_out_with_a_warning(tmp_path):
     (tmp_path / "mesh.ply").write_bytes(PLY)
     world = load(tmp_path, 'Shape "plymesh" "string filename" "mesh.ply" "texture displacement" "bumps"\n')
     assert "scene.pbrt: the displacement of a plymesh is left out" in world.warnings
+
+
+TWO = """MakeNamedMaterial "a" "string type" "diffuse" "rgb reflectance" [.1 .1 .1]
+MakeNamedMaterial "b" "string type" "conductor"
+"""
+
+
+@pytest.mark.parametrize(("amount", "share"), [("", 0.5), ('"float amount" 0.2', 0.2), ('"float amount" 3', 1.0)])
+def test_a_mix_has_that_amount_of_the_second(tmp_path, amount, share):
+    """MixMaterial of pbrt-v4: the first where the amount is below a random number."""
+    told = f'MakeNamedMaterial "m" "string type" "mix" "string materials" ["a" "b"] {amount}\n'
+    world = load(tmp_path, TWO + told + 'NamedMaterial "m" ' + TRIANGLE)
+    found = world.materials[world.meshes[0].material_ids[0]]
+    assert (found.color, world.materials[found.blend_with].kind) == ((0.1, 0.1, 0.1), "conductor")
+    assert found.blend_share == pytest.approx(share) and world.warnings == ()
+
+
+def test_a_texture_may_tell_the_amount(tmp_path):
+    PIL.Image.fromarray(np.array([[0, 255]], np.uint8)).save(tmp_path / "a.png")
+    texture = 'Texture "t" "float" "imagemap" "string filename" "a.png" "float scale" 0.5\n'
+    told = 'Material "mix" "string materials" ["b" "a"] "texture amount" "t"\n'
+    world = load(tmp_path, TWO + texture + told + TRIANGLE)
+    found = world.materials[world.meshes[0].material_ids[0]]
+    assert found.kind == "conductor" and found.blend_share == 0.5
+    assert world.textures[found.blend_texture].pixels[0, :, 0].tolist() == [0, 255]
+
+
+@pytest.mark.parametrize(
+    ("told", "part"),
+    [('"string materials" ["a"]', "a mix has no two materials"), ('"string materials" ["a" "c"]', "no material 'c'")],
+)
+def test_a_mix_of_nothing_is_refused(tmp_path, told, part):
+    with pytest.raises(InputError, match=part):
+        load(tmp_path, TWO + f'Material "mix" {told} {TRIANGLE}')
