@@ -96,6 +96,7 @@ class MaterialReader:
         if reader is not None and bsdf.kind == "bsdf":
             material: Material = reader(bsdf)
             return material
+        bsdf.pass_over()
         nested = bsdf.of_kind("bsdf")
         if nested:
             self._warn(f"the bsdf {bsdf.type} is left out; the first bsdf inside it stands in")
@@ -115,6 +116,7 @@ class MaterialReader:
 
     def _read_roughdiffuse(self, bsdf: Plugin) -> Material:
         self._warn("the bsdf roughdiffuse is rendered as diffuse")
+        bsdf.pass_over()
         return self._diffuse(bsdf, "reflectance")
 
     def _read_plastic(self, bsdf: Plugin) -> Material:

@@ -6,7 +6,7 @@ Mitsuba's cameras look along +z with x to the left; its lights shine along +z. I
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -56,7 +56,7 @@ def load_mitsuba(path: Path, parameters: Mapping[str, str] | None = None) -> Wor
     reader = _Reader(path, legacy)
     for plugin in scene.children:
         reader.add(plugin)
-    return reader.world()
+    return reader.world(dict.fromkeys(scene.unread()))
 
 
 class _Reader:
@@ -76,8 +76,10 @@ class _Reader:
         self.suns: list[Callable[[Vec3, float], SphereLight]] = []
         self.groups: dict[int, list[tuple[int, Matrix]]] = {}
 
-    def world(self) -> World:
+    def world(self, unread: Iterable[str]) -> World:
         """Return what was collected, with a camera and light of clsim's own where there is none."""
+        for sentence in unread:
+            self._warn(sentence)
         if self.suns:
             middle, extent = bounds(self.path, self.meshes, self.instances)
             self.sphere_lights += [make(middle, float(np.linalg.norm(extent)) / 2) for make in self.suns]
@@ -143,12 +145,14 @@ class _Reader:
         mesh = read_shape(shape, self.folder, linear)
         if mesh is None:
             self._warn(f"shapes of type {shape.type} are left out")
+            shape.pass_over()
             return None
         emission: Vec3 = (0.0, 0.0, 0.0)
         texture = -1
         if emitter is not None:
             if emitter.type != "area":
                 self._warn(f"emitters of type {emitter.type} are left out")
+                emitter.pass_over()
             elif (image := emitter.child("radiance")) is not None:
                 emission, texture = (1.0, 1.0, 1.0), self.materials.textures.index(image)
             else:
@@ -227,6 +231,7 @@ class _Reader:
             self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), motion))
         elif kind != "area":  # which only shapes refer to
             self._warn(f"emitters of type {kind} are left out")
+            emitter.pass_over()
 
     def _spot(self, emitter: Plugin, motion: Motion) -> PunctualLight:
         outer = emitter.get("cutoff_angle", 20.0)

@@ -84,6 +84,7 @@ class TextureReader:
         if plugin.type == "checkerboard":
             return self._checkerboard(plugin, matrix, as_opacity=as_opacity, number=number or as_opacity)
         if plugin.type != "bitmap":
+            plugin.pass_over()
             nested = plugin.of_kind("texture")
             if nested:
                 self._warn(f"the texture {plugin.type} is left out; the one inside it stands in")

@@ -6,7 +6,7 @@ A document type, and with it every entity, is refused; size, depth and the numbe
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -38,6 +38,35 @@ class Animation:
     matrices: tuple[Matrix, ...]
 
 
+TOLD = ("shape", "emitter", "luminaire", "bsdf", "texture", "sensor", "camera")
+"""Objects whose properties are told where nothing reads them."""
+HARMLESS = {
+    *("sampling_weight", "silhouette_sampling_weight", "near_clip", "far_clip", "focus_distance", "srf", "id"),
+    *("sample_visible", "flip_invalid_normals", "use_shadowing_function", "mis_compensation", "accel", "format"),
+    *("max_anisotropy", "cache", "collapse", "fast_approx", "strict_normals", "allow_transmission", "shutter_open"),
+}
+"""Properties that say how Mitsuba samples, or that change no picture here."""
+
+
+class Values(dict[str, Any]):
+    """The properties of an object, which remember what was asked for."""
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        super().__init__()
+        self.asked: set[str] = set()
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return a property, or what stands for a missing one."""
+        self.asked.add(name)
+        return super().get(name, default)
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a property."""
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+
 @dataclass
 class Plugin:
     """An object of the scene: a shape, a bsdf, a texture…
@@ -56,7 +85,7 @@ class Plugin:
     kind: str
     type: str
     name: str
-    values: dict[str, Any]
+    values: Values
     children: list[Plugin]
     place: str
     folder: Path
@@ -80,6 +109,19 @@ class Plugin:
     def child(self, name: str) -> Plugin | None:
         """Return the object that stands for a parameter."""
         return next((child for child in self.children if child.name == name), None)
+
+    def pass_over(self) -> None:
+        """Take all properties as read: the object is left out, and that was told."""
+        self.values.asked.update(self.values)
+
+    def unread(self) -> Iterator[str]:
+        """Yield what was not read of the properties of this object and those inside, once for each type and name."""
+        told = self.values.asked and self.kind in TOLD
+        for name in self.values if told else ():
+            if name not in self.values.asked | HARMLESS and not name.endswith("_sampling_rate"):
+                yield f"the {name} of a {self.type} {self.kind} is left out"
+        for child in self.children:
+            yield from child.unread()
 
     def of_kind(self, *kinds: str) -> list[Plugin]:
         """Return the objects inside of some kinds."""
@@ -185,7 +227,7 @@ class _Reader:
             element.tag,
             attributes.get("type", element.tag),
             _snake(attributes.get("name", "")),
-            {},
+            Values(),
             [],
             element.place,
             folder,

@@ -67,3 +67,47 @@ def test_merged_shapes_are_those_inside(tmp_path):
     merged, plain = load(tmp_path, f'<shape type="merge">{inside}</shape>'), load(tmp_path, inside)
     assert [len(mesh.triangles) for mesh in merged.meshes] == [len(mesh.triangles) for mesh in plain.meshes]
     assert len(merged.instances) == 2 and merged.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("told", "warning"),
+    [
+        ('<shape type="sphere"><float name="raduis" value="2"/></shape>', "the raduis of a sphere shape is left out"),
+        (
+            '<shape type="cube"><bsdf type="diffuse"><rgb name="color" value="1"/></bsdf></shape>',
+            "the color of a diffuse bsdf is left out",
+        ),
+        (
+            '<emitter type="point"><rgb name="radiance" value="9"/></emitter>',
+            "the radiance of a point emitter is left out",
+        ),
+        (
+            '<shape type="sdfgrid"><string name="filename" value="a"/></shape>',
+            "shapes of type sdfgrid are left out",
+        ),
+    ],
+)
+def test_properties_that_nothing_reads_are_told(tmp_path, told, warning):
+    assert load(tmp_path, told).warnings == (f"scene.xml: {warning}",)
+
+
+def test_what_usual_scenes_tell_is_no_cause_for_warnings(tmp_path):
+    """As Mitsuba's own previews of materials have it."""
+    body = """<sensor type="perspective" id="camera"><string name="fov_axis" value="smaller"/>
+    <float name="focus_distance" value="6"/><float name="fov" value="28.8"/><float name="near_clip" value="0.1"/>
+    <float name="shutter_open" value="0"/><film type="hdrfilm"><integer name="width" value="64"/>
+    <integer name="height" value="48"/><string name="pixel_format" value="rgb"/><rfilter type="tent"/></film></sensor>
+    <emitter type="constant"><rgb name="radiance" value="0.5"/><float name="sampling_weight" value="2"/></emitter>
+    <texture type="checkerboard" id="squares"><rgb name="color0" value="0.2"/><rgb name="color1" value="0.4"/>
+    <transform name="to_uv"><scale x="8" y="8"/></transform></texture>
+    <bsdf type="twosided" id="floor"><bsdf type="diffuse"><ref name="reflectance" id="squares"/></bsdf></bsdf>
+    <bsdf type="roughplastic" id="ball"><rgb name="diffuse_reflectance" value="0.9, 0.3, 0.4"/>
+    <float name="int_ior" value="1.9"/><float name="alpha" value="0.1"/><string name="distribution" value="ggx"/>
+    <boolean name="nonlinear" value="true"/><boolean name="sample_visible" value="true"/></bsdf>
+    <bsdf type="roughconductor" id="metal"><string name="material" value="Al"/><float name="alpha_u" value="0.05"/>
+    <float name="alpha_v" value="0.3"/></bsdf>
+    <shape type="rectangle"><ref id="floor"/><transform name="to_world"><scale value="9"/></transform></shape>
+    <shape type="sphere"><ref id="ball"/><float name="radius" value="2"/><point name="center" z="1"/></shape>
+    <shape type="cylinder"><ref id="metal"/><point name="p0" x="0" y="0" z="0"/><point name="p1" x="0" y="0" z="2"/>
+    <float name="radius" value="0.5"/></shape>"""
+    assert load_mitsuba(scene(tmp_path, body)).warnings == ()
