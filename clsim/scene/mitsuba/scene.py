@@ -154,7 +154,7 @@ class _Reader:
                 self._warn(f"emitters of type {emitter.type} are left out")
                 emitter.pass_over()
             elif (image := emitter.child("radiance")) is not None:
-                emission, texture = (1.0, 1.0, 1.0), self.materials.textures.index(image)
+                emission, texture = self.materials.textures.light(image)
             else:
                 emission = _radiance(emitter, "radiance")
         bsdf = next(iter(shape.of_kind("bsdf")), None)

@@ -13,7 +13,15 @@ from clsim.scene.meshes.geometry import flipped_v
 from clsim.scene.mitsuba.values import Color, file_of
 from clsim.scene.mitsuba.xml import Plugin
 from clsim.scene.motion import Matrix
-from clsim.scene.pictures.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
+from clsim.scene.pictures.images import (
+    U8,
+    PixelBudget,
+    decode_srgb,
+    encode_srgb8,
+    read_linear,
+    read_texture,
+    roughness_pixels,
+)
 from clsim.scene.world import F32, CheckerTexture, ImageTexture, Texture, Vec3, Wrap
 
 WRAPS: dict[str, Wrap] = {"repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "clamp", "zero": "clamp"}
@@ -34,7 +42,7 @@ class TextureReader:
         self.textures: list[Texture] = []
         self._folder, self._warn = folder, warn
         self._indices: dict[tuple[object, ...], int] = {}
-        self._pixels: dict[object, U8] = {}
+        self._pixels: dict[tuple[object, bool], U8] = {}
         self._budget = PixelBudget()
 
     def color(
@@ -57,6 +65,20 @@ class TextureReader:
             raise InputError(f"{plugin.place}: {plugin.type}.{name} is {value!r}, expected a colour")
         return value.rgb, -1
 
+    def light(self, plugin: Plugin) -> tuple[Vec3, int]:
+        """Return what a texture of light is to be multiplied by, for textures end at 1, and its index."""
+        most = 1.0
+        if plugin.type == "checkerboard":
+            colors = [
+                self.color(plugin, name, value, plain=True)[0] for name, value in (("color0", 0.4), ("color1", 0.2))
+            ]
+            most = max(1.0, *colors[0], *colors[1])
+        elif plugin.type == "bitmap":
+            path = file_of(plugin.place, plugin.get("filename", ""), self._folder)
+            if path.suffix.lower() in (".exr", ".hdr"):
+                most = max(1.0, float(read_linear(path, PixelBudget()).max()))
+        return (most, most, most), self.index(plugin, most=most)
+
     def mean(self, index: int) -> Vec3:
         """Return the mean colour of a texture."""
         texture = self.textures[index]
@@ -75,14 +97,22 @@ class TextureReader:
         pixels = roughness_pixels(alpha**2 if perceptual else alpha)
         return self._add(("roughness", index, perceptual), lambda: replace(wrap, pixels=pixels, srgb=False))
 
-    def index(self, plugin: Plugin, *, raw: bool = False, as_opacity: bool = False, number: bool = False) -> int:
+    def index(
+        self,
+        plugin: Plugin,
+        *,
+        raw: bool = False,
+        as_opacity: bool = False,
+        number: bool = False,
+        most: float = 1.0,
+    ) -> int:
         """Return the index of a texture: of colours, of ``raw`` numbers, or with its luminance as alpha.
 
-        ``number`` says that its luminance alone is asked for, as opacity's always is.
+        ``number`` says that its luminance alone is asked for, as opacity's always is; ``most`` is what becomes 1.
         """
         matrix = flipped_v(self._to_uv(plugin))
         if plugin.type == "checkerboard":
-            return self._checkerboard(plugin, matrix, as_opacity=as_opacity, number=number or as_opacity)
+            return self._checkerboard(plugin, matrix, most, as_opacity=as_opacity, number=number or as_opacity)
         if plugin.type != "bitmap":
             plugin.pass_over()
             nested = plugin.of_kind("texture")
@@ -98,11 +128,12 @@ class TextureReader:
         if any(name not in WRAPS for name in wraps):
             raise InputError(f"{plugin.place}: wrap_mode is {wrap!r}, expected one of {', '.join(WRAPS)}")
         nearest = plugin.get("filter_type", "bilinear").lower() == "nearest"
-        key = (path, linear, as_opacity, *wraps, nearest, matrix)
+        linear = linear and most == 1.0
+        key = (path, linear, as_opacity, *wraps, nearest, matrix, most)
         return self._add(
             key,
             lambda: ImageTexture(
-                self._image(path, linear=linear, as_opacity=as_opacity),
+                self._image(path, most, linear=linear, as_opacity=as_opacity),
                 srgb=not linear,
                 wrap_u=WRAPS[wraps[0]],
                 wrap_v=WRAPS[wraps[1]],
@@ -118,11 +149,14 @@ class TextureReader:
             self.textures.append(texture)
         return self._indices[key]
 
-    def _image(self, path: Any, *, linear: bool, as_opacity: bool) -> U8:
+    def _image(self, path: Any, most: float, *, linear: bool, as_opacity: bool) -> U8:
         """Return an image, read once; as opacity, its luminance stands in the alpha channel."""
-        if path not in self._pixels:
-            self._pixels[path] = read_texture(path, self._budget)
-        pixels = self._pixels[path]
+        if most != 1.0:
+            codes = encode_srgb8(read_linear(path, self._budget) / most)
+            return np.concatenate([codes, np.full((*codes.shape[:2], 1), 255, np.uint8)], axis=2)
+        if (path, linear) not in self._pixels:
+            self._pixels[path, linear] = read_texture(path, self._budget, srgb=not linear)
+        pixels = self._pixels[path, linear]
         if not as_opacity:
             return pixels
         table = np.arange(256) / 255.0 if linear else decode_srgb(np.arange(256) / 255.0)
@@ -142,13 +176,19 @@ class TextureReader:
             affine = affine @ scale
         return affine
 
-    def _checkerboard(self, plugin: Plugin, matrix: tuple[Vec3, Vec3], *, as_opacity: bool, number: bool) -> int:
+    def _squares(self, plugin: Plugin) -> list[Vec3]:
+        """Return the colours of a checkerboard."""
+        return [self.color(plugin, name, value, plain=True)[0] for name, value in (("color0", 0.4), ("color1", 0.2))]
+
+    def _checkerboard(
+        self, plugin: Plugin, matrix: tuple[Vec3, Vec3], most: float, *, as_opacity: bool, number: bool
+    ) -> int:
         """Return a checkerboard as an image of four texels, which takes any transform; a texture inside is grey."""
-        colors = [self.color(plugin, name, value, plain=True)[0] for name, value in (("color0", 0.4), ("color1", 0.2))]
+        colors = self._squares(plugin)
         if number and not self._legacy:
             # In Mitsuba 3, numbers of a checkerboard (``eval_1``) stand in the squares of the other colour (``eval``).
             colors.reverse()
-        encoded = [encode_srgb8(color) for color in colors]
+        encoded = [encode_srgb8(np.divide(color, most)) for color in colors]
         alphas = [round(255 * min(luminance(color), 1.0)) if as_opacity else 255 for color in colors]
         first, second = ((*color.tolist(), alpha) for color, alpha in zip(encoded, alphas, strict=True))
         pixels = np.array([[first, second], [second, first]], np.uint8)

@@ -62,7 +62,7 @@ class MaterialReader:
         self._folder, self._warn = folder, warn
         self._named: dict[str, NamedTexture] = {}
         self._indices: dict[Material, int] = {}
-        self._images: dict[Path, U8] = {}
+        self._images: dict[tuple[Path, bool], U8] = {}
         self._added: dict[tuple[object, ...], int] = {}
         self._budget = PixelBudget()
 
@@ -163,7 +163,7 @@ class MaterialReader:
         matrix = self._mapping(parameters)
         key = (path, wrap, linear, nearest, inverted, matrix, number)
         if key not in self._added:
-            pixels = self._image(path)
+            pixels = self._image(path, srgb=not linear)
             if number and (pixels[..., 3] < 255).any():  # then pbrt takes the alpha, decoded as the colours are
                 pixels = np.concatenate(
                     [np.repeat(pixels[..., 3:], 3, axis=2), np.full_like(pixels[..., 3:], 255)], axis=2
@@ -201,10 +201,10 @@ class MaterialReader:
             (0.0, parameters.number("vscale", 1.0), parameters.number("vdelta", 0.0)),
         )
 
-    def _image(self, path: Path) -> U8:
-        if path not in self._images:
-            self._images[path] = read_texture(path, self._budget)
-        return self._images[path]
+    def _image(self, path: Path, *, srgb: bool) -> U8:
+        if (path, srgb) not in self._images:
+            self._images[path, srgb] = read_texture(path, self._budget, srgb=srgb)
+        return self._images[path, srgb]
 
     def opacity(self, material: Material, parameters: Parameters) -> Material:
         """Return the material with the alpha that a shape gives it."""
@@ -228,7 +228,7 @@ class MaterialReader:
         material = self._surface(kind, parameters)
         normals = parameters.word("normalmap", "")
         if normals:
-            pixels = self._image(file_of(parameters.place, normals, self._folder))
+            pixels = self._image(file_of(parameters.place, normals, self._folder), srgb=False)
             material = replace(material, normal_texture=self._append(ImageTexture(pixels, srgb=False)))
         if kind in KNOWN:
             parameters.tell_unread(f"material {kind}", self._warn)

@@ -79,8 +79,10 @@ def unpack_rgba(source: str, image: Image.Image, budget: PixelBudget) -> U8:
         raise InputError(f"{source}: cannot be decoded as an image ({_short(error)})") from None
 
 
-def read_texture(path: Path, budget: PixelBudget) -> U8:
-    """Read an image file as uint8 RGBA; OpenEXR and Radiance HDR are sRGB-encoded, what exceeds 1 is cut.
+def read_texture(path: Path, budget: PixelBudget, *, srgb: bool = True) -> U8:
+    """Read an image file as uint8 RGBA.
+
+    Numbers of OpenEXR and Radiance HDR are sRGB-encoded, or as they are where ``srgb`` is false; what exceeds 1 is cut.
 
     Raises:
         InputError: if it is missing, damaged or too large.
@@ -88,7 +90,8 @@ def read_texture(path: Path, budget: PixelBudget) -> U8:
     if path.suffix.lower() in (".exr", ".hdr"):
         linear = read_linear(path, budget)
         alpha = np.full((*linear.shape[:2], 1), 255, np.uint8)
-        return np.concatenate([encode_srgb8(linear), alpha], axis=2)
+        codes = encode_srgb8(linear) if srgb else np.clip(linear * 255.0 + 0.5, 0, 255).astype(np.uint8)
+        return np.concatenate([codes, alpha], axis=2)
     return decode_rgba(str(path), _bytes(path), budget)
 
 

@@ -225,7 +225,7 @@ class _Builder:
             return -1
         film = read_film(table, self.folder, self.budget)
         # A table that is no film has a file: the check of the whole TOML says so.
-        pixels = film.first if film else read_texture(named_file(str(table.file), self.folder), self.budget)
+        pixels = film.first if film else read_texture(named_file(str(table.file), self.folder), self.budget, srgb=srgb)
         (u, v), wrap = table.repeats, table.wrap
         matrix = ((u, 0.0, 0.0), (0.0, v, 0.0))
         image = ImageTexture(pixels, srgb, wrap, wrap, table.nearest, matrix, film)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from pxr import UsdGeom, UsdShade
 
+from clsim.scene.pictures.images import decode_srgb
 from clsim.scene.usd.light_tracks import brightest
 from clsim.scene.usd.stage import Stage
 from clsim.scene.usd.surfaces import LUMENS_PER_WATT, SurfaceModel, surface_of
@@ -170,6 +171,10 @@ class MaterialReader:
         if told.image is None:
             return -1
         plain = replace(told.image, srgb=False)
+        if str(told.key[0]).lower().endswith((".exr", ".hdr")):  # which are held with sRGB's curve
+            light = decode_srgb(np.arange(256) / 255.0)
+            codes = (light * 255.0 + 0.5).astype(np.uint8)
+            plain = replace(plain, pixels=codes[plain.pixels])
         return self._reader.add((*told.key, "normal"), lambda: plain)
 
     def _specular(self, material: Material, told: Told) -> Material:

@@ -1,0 +1,136 @@
+"""Pictures of floating point as data, such as normal maps, and as light that is brighter than 1."""
+
+import numpy as np
+import OpenEXR
+import PIL.Image
+import pytest
+
+from clsim.scene import load_world
+from clsim.scene.pictures.images import PixelBudget, decode_srgb, encode_srgb8, read_texture
+
+VALUES = np.array([[(0.5, 0.25, 1.0), (0.1, 0.8, 0.6)]], np.float32)
+CODES = np.round(VALUES * 255)
+
+
+def write(path, values=VALUES):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, {"RGB": np.ascontiguousarray(values)}) as file:
+        file.write(str(path))
+
+
+def test_data_is_read_as_it_is_and_colours_get_a_curve(tmp_path):
+    write(tmp_path / "a.exr")
+    data, colours = (read_texture(tmp_path / "a.exr", PixelBudget(), srgb=srgb) for srgb in (False, True))
+    np.testing.assert_allclose(data[..., :3], CODES, atol=1)
+    np.testing.assert_array_equal(colours[..., :3], encode_srgb8(VALUES))
+
+
+MITSUBA = """<scene version="3.0.0"><emitter type="constant"/><shape type="rectangle">{inside}</shape></scene>"""
+BITMAP = '<texture type="bitmap" name="{name}"><string name="filename" value="a.exr"/>{more}</texture>'
+RAW = '<boolean name="raw" value="true"/>'
+PBRT = """WorldBegin LightSource "infinite"
+{inside} Shape "trianglemesh" "point3 P" [0 0 0  1 0 0  0 1 0]"""
+TOML = """[camera]
+position = [0, 0, 3]
+[materials.m]
+{inside}
+[[objects]]
+shape = "quad"
+material = "m"
+"""
+
+
+@pytest.mark.parametrize(
+    ("ending", "text", "inside", "use"),
+    [
+        (
+            "xml",
+            MITSUBA,
+            f'<bsdf type="normalmap">{BITMAP.format(name="normalmap", more=RAW)}<bsdf type="diffuse"/></bsdf>',
+            "normal_texture",
+        ),
+        (
+            "xml",
+            MITSUBA,
+            f'<bsdf type="diffuse">{BITMAP.format(name="reflectance", more=RAW)}</bsdf>',
+            "texture",
+        ),
+        ("pbrt", PBRT, 'Material "diffuse" "string normalmap" "a.exr"', "normal_texture"),
+        (
+            "pbrt",
+            PBRT,
+            'Texture "t" "spectrum" "imagemap" "string filename" "a.exr" "string encoding" "linear"\n'
+            'Material "diffuse" "texture reflectance" "t"',
+            "texture",
+        ),
+        ("toml", TOML, 'normal_texture = { file = "a.exr" }', "normal_texture"),
+    ],
+)
+def test_maps_of_data_are_not_encoded(tmp_path, ending, text, inside, use):
+    write(tmp_path / "a.exr")
+    path = tmp_path / f"scene.{ending}"
+    path.write_text(text.format(inside=inside))
+    world = load_world(path)
+    material = world.materials[int(world.meshes[0].material_ids[0])]
+    texture = world.textures[getattr(material, use)]
+    assert not texture.srgb
+    np.testing.assert_allclose(texture.pixels[..., :3], CODES, atol=1)
+
+
+def test_normals_of_usd_are_not_encoded(tmp_path):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    write(tmp_path / "a.exr")
+    path = tmp_path / "scene.usda"
+    path.write_text("""#usda 1.0
+def Mesh "m" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+    int[] faceVertexCounts = [3]
+    int[] faceVertexIndices = [0, 1, 2]
+    texCoord2f[] primvars:st = [(0, 0), (1, 0), (0, 1)] (interpolation = "vertex")
+    rel material:binding = </look>
+}
+def Material "look" {
+    token outputs:surface.connect = </look/surface.outputs:surface>
+    def Shader "surface" {
+        uniform token info:id = "UsdPreviewSurface"
+        normal3f inputs:normal.connect = </look/picture.outputs:rgb>
+        token outputs:surface
+    }
+    def Shader "picture" {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @a.exr@
+        token inputs:sourceColorSpace = "raw"
+        float3 outputs:rgb
+    }
+}
+""")
+    world = load_world(path)
+    texture = world.textures[world.materials[int(world.meshes[0].material_ids[0])].normal_texture]
+    np.testing.assert_allclose(texture.pixels[..., :3], CODES, atol=2)
+
+
+AREA = '<emitter type="area">{texture}</emitter>'
+SQUARES = """<texture type="checkerboard" name="radiance"><rgb name="color0" value="3 30 0"/>
+  <rgb name="color1" value="0.5"/></texture>"""
+
+
+def glow(tmp_path, texture):
+    (tmp_path / "scene.xml").write_text(MITSUBA.format(inside=AREA.format(texture=texture)))
+    world = load_world(tmp_path / "scene.xml")
+    material = world.materials[int(world.meshes[0].material_ids[0])]
+    texture = world.textures[material.emission_texture]
+    assert texture.srgb
+    return decode_srgb(texture.pixels[..., :3] / 255) * material.emission
+
+
+def test_textures_of_light_may_be_brighter_than_1(tmp_path):
+    write(tmp_path / "a.exr", VALUES * 40)
+    found = glow(tmp_path, BITMAP.format(name="radiance", more=""))
+    np.testing.assert_allclose(found, VALUES * 40, atol=0.3)
+    np.testing.assert_allclose(glow(tmp_path, SQUARES)[0], [(3, 30, 0), (0.5, 0.5, 0.5)], atol=0.25)
+
+
+def test_textures_of_dim_light_are_as_they_were(tmp_path):
+    PIL.Image.fromarray(np.full((2, 2, 3), 188, np.uint8)).save(tmp_path / "a.png")
+    found = glow(tmp_path, BITMAP.format(name="radiance", more="").replace("exr", "png"))
+    np.testing.assert_allclose(found, decode_srgb(188 / 255), atol=1e-6)
