@@ -89,6 +89,8 @@ class MaterialReader:
             self._named[name] = NamedTexture((a, b, c), inner.index)
         elif kind == "imagemap":
             self._named[name] = self._imagemap(parameters, number)
+        elif kind == "mix":
+            self._named[name] = self._mixed(parameters)
         elif kind == "checkerboard":
             self._named[name] = NamedTexture(WHITE, self._checkerboard(parameters))
         else:
@@ -176,6 +178,25 @@ class MaterialReader:
                 ImageTexture(pixels, srgb=not linear, wrap_u=wrap, wrap_v=wrap, nearest=nearest, uv_matrix=matrix)
             )
         return NamedTexture(WHITE if inverted is not None else (factor,) * 3, self._added[key])
+
+    def _mixed(self, parameters: Parameters) -> NamedTexture:
+        """Return a mix of two textures, of which one image at most is part."""
+        names = (("tex1", 0.0), ("tex2", 1.0), ("amount", 0.5))
+        parts = [self.texture(parameters, name, default) for name, default in names]
+        indices = {part.index for part in parts if part.index >= 0}
+        image = self.textures[max(indices)] if indices else None
+        if len(indices) > 1 or not isinstance(image, ImageTexture | None):
+            self._warn("a mix of several images is left out; grey stands in")
+            return NamedTexture((0.5, 0.5, 0.5))
+        shown = np.ones((1, 1, 3)) if image is None else _light_of_codes(srgb=image.srgb)[image.pixels[..., :3]]
+        first, second, amount = (np.multiply(part.color, shown if part.index >= 0 else 1.0) for part in parts)
+        share = amount.mean(axis=-1, keepdims=True)
+        light = np.broadcast_to(first * (1.0 - share) + second * share, shown.shape)
+        if image is None:
+            r, g, b = light[0, 0].tolist()
+            return NamedTexture((r, g, b))
+        pixels = np.concatenate([encode_srgb8(light), image.pixels[..., 3:]], axis=2)
+        return NamedTexture(WHITE, self._append(replace(image, pixels=pixels, srgb=True)))
 
     def _checkerboard(self, parameters: Parameters) -> int:
         """Return a checkerboard as an image of four texels that spans two squares each way."""

@@ -166,3 +166,38 @@ Shape "sphere" "float radius" 3 AttributeEnd
 NamedMaterial "m" Shape "disk" "float radius" 2 "float height" 1
 """
     assert load(tmp_path, body + TRIANGLE, head).warnings == ()
+
+
+def mixed(tmp_path, told, before=""):
+    texture = f'{before} Texture "t" "spectrum" "mix" {told}\n'
+    world = load(tmp_path, texture + 'Material "diffuse" "texture reflectance" "t" ' + TRIANGLE)
+    return world, world.materials[world.meshes[0].material_ids[0]]
+
+
+@pytest.mark.parametrize(
+    ("told", "color"),
+    [
+        ('"rgb tex1" [.8 .4 0] "rgb tex2" [0 .4 .4] "float amount" .25', (0.6, 0.4, 0.1)),
+        ("", (0.5, 0.5, 0.5)),
+        ('"float tex2" .5', (0.25, 0.25, 0.25)),
+    ],
+)
+def test_a_mix_of_colours_is_between_them(tmp_path, told, color):
+    world, found = mixed(tmp_path, told)
+    assert found.color == pytest.approx(color) and found.texture == -1 and world.warnings == ()
+
+
+def test_an_image_may_be_the_amount_of_a_mix_or_a_part_of_it(tmp_path):
+    PIL.Image.fromarray(np.array([[(0, 0, 0), (255, 255, 255)]], np.uint8)).save(tmp_path / "a.png")
+    image = 'Texture "i" "float" "imagemap" "string filename" "a.png"\n'
+    _, found = mixed(tmp_path, '"rgb tex1" [1 0 0] "rgb tex2" [0 0 1] "texture amount" "i"', image)
+    world, part = mixed(tmp_path, '"texture tex1" "i" "rgb tex2" [0 0 1] "float amount" 1', image)
+    assert world.textures[part.texture].pixels[0, :, :3].tolist() == [[0, 0, 255]] * 2
+    world, _ = mixed(tmp_path, '"rgb tex1" [1 0 0] "rgb tex2" [0 0 1] "texture amount" "i"', image)
+    assert world.textures[found.texture].pixels[0, :, :3].tolist() == [[255, 0, 0], [0, 0, 255]]
+    world, _ = mixed(
+        tmp_path,
+        '"texture tex1" "i" "texture tex2" "j"',
+        image + image.replace('"i"', '"j"').replace('"string', '"float scale" 1 "bool invert" true "string'),
+    )
+    assert world.warnings == ("scene.pbrt: a mix of several images is left out; grey stands in",)
