@@ -42,8 +42,6 @@ _ALIGNED = wp.constant(0.9999)
 """Where a surface faces along an axis so nearly, it lies within one layer of cells."""
 _SURE = wp.constant(1.0)
 """Square of the standard errors by which cells of two sizes differ before the finer ones are trusted."""
-_WANTED_STORED = wp.constant(64.0)
-"""Stored paths with which a level counts as much as all coarser ones, where they tell how light has changed."""
 _LEAST_TILTED = wp.constant(0.25)
 """Part of a cell's light that is left at its edge, at least: beyond, a plane through few paths tells nothing."""
 _LEAST_FACTOR = wp.constant(0.05)
@@ -139,6 +137,7 @@ class Asked:
         last_update: what was known before is what cells knew before that update.
         tells_error: whether it is told how far the light might be off.
         follows: whether stored paths tell how the light has changed.
+        enough_stored: stored paths with which a level counts as much as all coarser ones, where they tell that.
         frame: number of the last frame, …
         to_go: … and the share of the step to it that is left: in it, light changes along a line.
     """
@@ -149,6 +148,7 @@ class Asked:
     last_update: int
     tells_error: bool
     follows: bool
+    enough_stored: float
     frame: int
     to_go: float
 
@@ -338,7 +338,7 @@ def look_up(
         if level >= finest:
             cached.in_finest = sums.paths
         if paths > 0.0:
-            share = wp.where(told > 0.0, paths / (paths + _WANTED_STORED), 1.0)
+            share = wp.where(told > 0.0, paths / (paths + asked.enough_stored), 1.0)
             factor += (factors / paths - factor) * share
             more += (extra / paths - more) * share
             off_factor += (off_there / paths - off_factor) * share

@@ -37,6 +37,9 @@ _FINEST_IF_SMOOTH = 2
 """See `Asked`: few paths will do there."""
 _ENOUGH_FOR_FINE = 4
 """Paths of a pixel whose light is unknown, from which on the finest cells are asked and added to."""
+_ENOUGH_STORED = 64
+"""Least number of stored paths with which cells tell how light has changed as well as coarser ones; in a picture that
+is wider than so many pixels it is its width, as the change is smooth and cells are smaller there."""
 _CELLS_PER_PIXEL = 1
 """Of the first table, half of which may be in use: it doubles where that is too few, and a large one takes time."""
 _LARGEST_TABLE = 1 << 22
@@ -124,6 +127,7 @@ class LightCacheHost:
         self._device = device
         self._store = store
         self._primary_setup = primary_setup
+        self._enough_stored = float(max(width, _ENOUGH_STORED))
         self._pace_hz = pace_hz
         self._tick = 0
         self._learns = True
@@ -310,7 +314,7 @@ class LightCacheHost:
         """Return which cells are asked for the light as it is known; for no update is there a gain."""
         asked: Any = Asked()
         asked.last_update, asked.finest, asked.finest_if_smooth = -1, self._finest, _FINEST_IF_SMOOTH
-        asked.follows = self._store is not None
+        asked.follows, asked.enough_stored = self._store is not None, self._enough_stored
         return asked
 
     def _is_time(self, time_us: int) -> bool:
