@@ -48,6 +48,7 @@ class Progress:
         whole: those that are there.
         found: those that were there at the start.
         rejected: those of which no attempt was kept.
+        new: those that this run made and kept.
         cpu_s: processor time of those made in this run.
         failures: what went wrong, by number of the sequence.
         warnings: what sequences ask for and do not get, each sentence once.
@@ -57,6 +58,7 @@ class Progress:
     whole: int = 0
     found: int = 0
     rejected: int = 0
+    new: int = 0
     cpu_s: float = 0.0
     failures: dict[int, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
@@ -263,6 +265,7 @@ def _round(
         else:
             progress.failures.pop(index, None)
             progress.add(done)
+            progress.new += done.kept
             progress.cpu_s += done.cost["cpu_s"]
         tell(progress)
         future.release()

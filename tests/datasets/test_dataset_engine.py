@@ -25,7 +25,7 @@ _TINY = str(Path(__file__).with_name("tiny.toml"))
 def undisturbed(tmp_path_factory):
     out = tmp_path_factory.mktemp("undisturbed") / "set"
     done = make(load_spec(_TINY), out, workers=2)
-    assert (done.whole, done.found, done.failures) == (4, 0, {})
+    assert (done.whole, done.found, done.new, done.failures) == (4, 0, 4, {})
     return out
 
 
@@ -47,7 +47,7 @@ def test_what_is_torn_is_mended_and_what_is_whole_is_kept(undisturbed):
     (sequence_folder(undisturbed, 2) / "job.json").unlink()
     told = []
     done = make(load_spec(_TINY), undisturbed, workers=1, tell=lambda progress: told.append(progress.whole))
-    assert (done.whole, done.found) == (4, 2)
+    assert (done.whole, done.found, done.new) == (4, 2, 2)
     assert told[0] == 2 and told[-1] == 4
     assert kept.stat().st_mtime_ns == made
     assert contents(undisturbed) == before

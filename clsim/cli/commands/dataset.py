@@ -87,7 +87,7 @@ def dataset(
         print(f"clsim: {scheduler or 'dask.distributed'}: {error}", file=sys.stderr)
         return OUTPUT_FAILED
     kept = done.whole - done.rejected
-    sentences = [f"{kept:,} of {done.total:,} sequences are in {out}, {done.whole - done.found:,} of them new"]
+    sentences = [f"{kept:,} of {done.total:,} sequences are in {out}, {done.new:,} of them new"]
     if done.rejected:
         sentences.append(f"{done.rejected:,} were rejected at each attempt; their job.json tell why")
     if packed:

@@ -22,8 +22,38 @@ def test_of_a_thousand_warnings_the_first_are_printed(clsim, monkeypatch, tmp_pa
 
 
 def test_workers_are_at_least_one_and_no_bar_is_drawn_elsewhere_than_on_a_terminal(clsim, monkeypatch, tmp_path):
-    monkeypatch.setattr(engine, "make", lambda *_, tell, **__: tell(engine.Progress(2)) or engine.Progress(2, whole=2))
+    monkeypatch.setattr(
+        engine, "make", lambda *_, tell, **__: tell(engine.Progress(2)) or engine.Progress(2, whole=2, new=2)
+    )
     words = "dataset", "flow", "--out", tmp_path / "set"
     assert clsim(*words).stderr.splitlines() == [f"clsim: 2 of 2 sequences are in {tmp_path / 'set'}, 2 of them new"]
     outcome = clsim(*words, "--workers", "-3")
     assert outcome.status == 2 and outcome.stderr.startswith("clsim: --workers must be greater than or equal to 1")
+
+
+def test_what_was_rejected_is_not_among_what_is_there(clsim, monkeypatch, tmp_path):
+    """Two of four were there, of which one was rejected, as was one of the two that this run made."""
+    done = engine.Progress(4, whole=4, found=2, rejected=2, new=1)
+    monkeypatch.setattr(engine, "make", lambda *_, **__: done)
+    told = clsim("dataset", "flow", "--out", tmp_path / "set").stderr.splitlines()
+    assert told[0] == f"clsim: 2 of 4 sequences are in {tmp_path / 'set'}, 1 of them new"
+    assert told[1].startswith("clsim: 2 were rejected at each attempt")
+
+
+def test_what_is_asked_for_reaches_the_engine(clsim, monkeypatch, tmp_path):
+    asked = []
+
+    def make(spec, out, *, tell, **more):
+        asked.append((spec.count, out, more))
+        return engine.Progress(spec.count, whole=spec.count)
+
+    monkeypatch.setattr(engine, "make", make)
+    words = ("--count", "3", "--workers", "2", "--scheduler", "tcp://a:1", "--verify", "--out", tmp_path / "set")
+    assert clsim("dataset", "flow", *words).status == 0
+    assert asked == [(3, tmp_path / "set", {"workers": 2, "scheduler": "tcp://a:1", "verify": True})]
+
+
+def test_a_data_set_with_a_sequence_that_failed_is_a_failure(clsim, monkeypatch, tmp_path):
+    monkeypatch.setattr(engine, "make", lambda *_, **__: engine.Progress(2, whole=1, failures={1: "it broke"}))
+    outcome = clsim("dataset", "flow", "--out", tmp_path / "set", "--shards", "webdataset")
+    assert outcome.status == 1 and "clsim: sequence 1 failed: it broke" in outcome.stderr
