@@ -50,6 +50,13 @@ def test_one_wrong_time_goes_whether_behind_or_ahead(wrong_us: int, at: int) -> 
     assert found == np.delete(times, at).tolist() and (moved, late) == (0, 1)
 
 
+def test_what_is_as_late_as_may_be_is_kept_beside_what_is_later() -> None:
+    late = 300_000
+    assert ordered(batch(late, late + 10_000, late + 10_000 - WINDOW_US, 0, late + 20_000)) == (
+        [late + 10_000 - WINDOW_US, late, late + 10_000, late + 20_000], 1, 1
+    )  # fmt: skip
+
+
 def test_equal_times_stay_as_they_came() -> None:
     order = Order(Path("a"))
     (found,) = order.of([batch(5, 7, 7, 6, 7)])
