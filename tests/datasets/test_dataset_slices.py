@@ -281,3 +281,12 @@ def test_a_voxel_grid_keeps_every_event():
 def test_slices_that_cannot_be(tmp_path, options):
     with pytest.raises(InputError):
         Slices(tmp_path, **options)
+
+
+def test_shards_do_not_hang_on_how_long_sequences_took(folder):
+    """The same sequences, made on another machine, give the same bytes."""
+    before = [each.read_bytes() for each in write_shards(folder, "webdataset")]
+    for done in list(scan(folder)):
+        slower = vars(done) | {"cost": {"cpu_s": 9.0, "wall_s": 9.5}}
+        (sequence_folder(folder, done.index) / "job.json").write_text(json.dumps(slower))
+    assert [each.read_bytes() for each in write_shards(folder, "webdataset")] == before

@@ -120,6 +120,7 @@ def test_files_are_listed_from_the_specifications_folder(tmp_path):
     [
         "materials.wall.color_texture = 'a.x'",
         "objects = [{ file = { choice = ['a.x'] } }]",
+        "camera.trajectory = 'a.x'",
         "base = { choice = ['a.x'] }",
     ],
 )
