@@ -142,6 +142,7 @@ def test_a_toml_has_a_sky_and_a_sun(tmp_path: Path) -> None:
     place = sun.motion.pose(0.0)[:3, 3]
     np.testing.assert_allclose(place / np.linalg.norm(place), (3**0.5 / 2, 0.5, 0.0), atol=1e-9)
     assert np.linalg.norm(place) == pytest.approx(1e4 * 5.0) and sun.name == "sun"
+    assert sun.radiance == pytest.approx([0.5 * each for each in sun_radiance(day(30.0))])
     night = load_world(toml(tmp_path, "elevation_deg = -3.0\n"))
     assert night.sphere_lights == () and night.environment_map is None, "as in Mitsuba 3"
     assert night.warnings[0] == "day.toml: the sun is below the horizon, so there is no daylight"
