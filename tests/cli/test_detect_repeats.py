@@ -68,6 +68,19 @@ def test_detection_in_rendered_frames_is_repeated_from_its_sidecar(
     assert (tmp_path / "b.csv").read_bytes() == (tmp_path / "a.csv").read_bytes()
 
 
+def test_a_sensor_given_beside_a_sidecar_wins(
+    clsim: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert clsim("render", "two-boxes", *SMALL[:-2], "--out", "frames").status == 0
+    seen = ("--threshold", "0.1", "--sensor", "davis346", "--seed")
+    for seed in ("1", "2"):
+        assert clsim("detect", "frames", *seen, seed, "--out", f"{seed}.csv").status == 0
+    assert clsim("detect", "--config", "1.csv.json", "--seed", "2", "--out", "again.csv").status == 0
+    one, two, again = (Path(f"{name}.csv").read_bytes() for name in ("1", "2", "again"))
+    assert again == two != one
+
+
 def test_each_command_names_the_one_whose_sidecar_it_is(clsim: Callable[..., object], tmp_path: Path) -> None:
     (tmp_path / "detect.json").write_text(json.dumps({"options": {"frames": "f", "config": {}}}))
     (tmp_path / "live.json").write_text(json.dumps({"options": {"scene": "still"}}))

@@ -9,6 +9,7 @@ import pytest
 from clsim import scenes
 from clsim.cli.commands.detect import detector_config
 from clsim.cli.options.config import live_options
+from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.frames import Frame
@@ -180,6 +181,14 @@ def test_a_sensor_with_faults_takes_the_event_rule_that_it_can_have(tmp_path: Pa
     assert detector_config("frames", told, {"response": "lin-log"}).event_rule == "interpolated"
     assert detector_config("frames", told, {}, ideal).event_rule == "linear-light"
     assert detector_config("frames", told, {"event_rule": "linear-light"}, faulty).event_rule == "linear-light"
+
+
+def test_another_method_has_its_own_window() -> None:
+    """And not that of the one which frames.json tells."""
+    told = {"detector": {"method": "esim-ad", "window": 9}}
+    assert detector_config("frames", told, {"gate": "delta-r"}).side == 9
+    assert detector_config("frames", told, {"method": "irradiance"}).side == DetectorConfig("irradiance").side == 7
+    assert detector_config("frames", told, {"method": "irradiance", "window": 5}).side == 5
 
 
 def test_a_file_by_hand_adds_to_what_is_given(tmp_path: Path) -> None:
