@@ -121,6 +121,10 @@ def files(tmp_path: Path) -> Path:
             ["render", "still", "--out", "{}/new", "--times", "{}/t.txt", "--time-tolerance", "1ms"],
             "--time-tolerance is for --times adaptive",
         ),
+        *(
+            (["render", "still", "--out", "{}/new", "--times", "{}/t.txt", f"--{option}", "2"], f"leave out --{option}")
+            for option in ("fps", "duration", "frame-count")
+        ),
         (["score", "{}/a.aedat4", "{}/b.aedat4", "--resolution", "4x4", "--fps", "60"], "a.aedat4"),
         (["info", "nothing"], "no scene 'nothing'"),
     ],

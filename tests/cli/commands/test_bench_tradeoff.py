@@ -46,6 +46,21 @@ def test_the_files_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert files["plot"].read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
+def test_what_is_asked_for_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clsim: Callable[..., Any]
+) -> None:
+    asked = []
+
+    def sweep(options: Any, report: Any) -> Any:
+        asked.append(options)
+        return SimpleNamespace(world=SimpleNamespace(notes=(), warnings=()), run=dict)
+
+    monkeypatch.setattr(tradeoff, "Sweep", sweep)
+    words = "--quick --reference-spp 16 --reference-budget 3 --resolution 16x12 --frame-count 4 --fps 20 --seeds 7"
+    assert clsim("bench", "tradeoff", "two-boxes", *words.split(), "--cache", tmp_path, "--json").status == 0
+    assert asked == [tradeoff.TradeoffOptions("two-boxes", tmp_path, True, 16, 3.0, (16, 12), 4, 20.0, (7,))]
+
+
 def test_a_folder_that_is_not_there_is_told_before_anything_is_measured(
     tmp_path: Path, clsim: Callable[..., Any]
 ) -> None:

@@ -71,6 +71,11 @@ def test_a_recording_that_begins_late_is_no_longer_for_that(clsim, tmp_path):
     assert json.loads(outcome.stdout)["simulated_s"] == 0.21
 
 
+def test_an_opencl_device_that_is_not_there_is_told(clsim, clip, tmp_path):
+    outcome = clsim("detect", clip, "--opencl", "no such device", "--out", tmp_path / "events.csv")
+    assert outcome.status == 2 and "no such device" in outcome.stderr
+
+
 @pytest.mark.slow
 def test_a_sensor_looks_at_a_video(clsim, clip, tmp_path):
     """The same sensor as in front of a scene: thresholds that differ make other events; its own threshold holds."""

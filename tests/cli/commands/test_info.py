@@ -25,7 +25,8 @@ def folder(tmp_path):
     for frame in random_frames(1, count=3, height=9, width=11, misses=False):
         frame.plane("Nx")[...] = 0.5
         frame.plane("Depth")[...] = 2
-        frame.plane("R")[4, 5] = np.nan
+        for name in ("R", "G"):
+            frame.plane(name)[4, 5] = np.nan
         writer.write(frame)
     return tmp_path / "frames"
 

@@ -177,3 +177,13 @@ def test_a_rule_for_the_ideal_pixel_is_refused_of_another(clsim: Callable[..., o
     outcome = clsim("live", "two-boxes", "--sensor", "davis346", "--quality", "published")
     assert outcome.status == 2
     assert "--event-rule frame is for the ideal sensor; --sensor davis346 needs interpolated" in outcome.stderr
+
+
+def test_a_plot_is_of_the_seed_that_is_asked_for(
+    clsim: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plots = pytest.importorskip("clsim.cli.plots.sensor_plot")
+    drawn = []
+    monkeypatch.setattr(plots, "plot_sensors", lambda *given: drawn.append(given))
+    assert clsim("sensor", "plot", "davis346", "dvs128", "--seed", "5", "--out", tmp_path / "a.png").status == 0
+    assert drawn == [([load_sensor("davis346"), load_sensor("dvs128")], tmp_path / "a.png", 5)]

@@ -220,6 +220,7 @@ def test_frames_are_rendered_at_the_times_of_a_file_and_pixels_between_them(tmp_
     assert len(list(evenly.glob("*.exr"))) == 2
     asked = [*shared, "--times", "adaptive", "--frame-count", "3", "--out", str(between)]
     assert run.invoke(app, asked).exit_code == 0
+    assert sorted(each.name for each in between.glob("*.npz")) == ["between-000001.npz", "between-000002.npz"]
     with np.load(between / "between-000002.npz") as traced, clsim.Simulator("two-boxes", **SMALL) as simulator:
         simulator.step(66_667)
         assert simulator._camera_pipeline.detector.between.stats.requests > len(traced["x"]) > 100
