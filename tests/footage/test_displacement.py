@@ -64,3 +64,11 @@ def test_a_picture_no_larger_than_a_block_is_measured():
     measure = Displacement(24, 16)
     before, after = (measure.add(picture[40:56, 60:84]) for picture in shifted(0.4))
     assert before is None and 0.3 < after < 0.5 and measure.lost_pairs == 0
+
+
+def test_the_fastest_pair_is_told_whatever_follows():
+    measure = Displacement(160, 128)
+    before, after = shifted(3.0)
+    for picture in (before, after, after):
+        measure.add(picture)
+    assert measure.pairs == 2 and 2.7 < measure.as_dict()["largest_px"] < 3.4
