@@ -123,6 +123,8 @@ def test_empty_sets():
     none, some = batch(), random_batch(0, 10)
     both = score(none, none, W, H, FPS)
     assert (both.f1, both.strict_f1, both.chamfer, both.dt_median_us) == (1, 1, 0, None)
+    drawn = curves(none, none, Sampling(W, H, FPS))
+    assert np.concatenate([drawn.precision, drawn.recall, drawn.f1]).tolist() == [1.0] * 180
     for events, reference in ((none, some), (some, none)):
         one = score(events, reference, W, H, FPS)
         assert (one.f1, one.precision, one.recall, one.strict_f1, one.chamfer) == (0, 0, 0, 0, 2)

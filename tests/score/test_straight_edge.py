@@ -42,6 +42,14 @@ def test_shares_are_inverted_to_the_last_digits(edge):
     np.testing.assert_allclose(edge.share(edge.passed_px(shares)), shares, rtol=0, atol=1e-11)
 
 
+def test_times_are_the_nearest_whole_us():
+    """An upright edge brightens a pixel evenly from 0.25 to 1, which is 0.25·e^(0.2 n) at the n-th event."""
+    found = Edge((1.0, 0.0), 0.0, 30.0, 1.0, 0.25).events(3, 1, 0.1, 0.2)
+    steps = np.arange(1, 7)
+    expected = [x / 30.0 + (0.25 * np.exp(0.2 * steps) - 0.25) / 0.75 / 30.0 for x in range(3)]
+    np.testing.assert_array_equal(found["t"], np.rint(1e6 * np.ravel(expected)))
+
+
 @pytest.mark.parametrize("edge", [*EDGES[:2], *(pytest.param(edge, marks=pytest.mark.slow) for edge in EDGES[2:])])
 def test_events_fire_when_brightness_has_changed_by_the_threshold(edge):
     """Each pixel's sequence, and the brightness at each stamp, counted over many points."""
