@@ -69,6 +69,13 @@ def test_a_camera_is_found_to_have_the_mismatch_that_it_has() -> None:
         assert scale.equivalent(found.f1) == pytest.approx(spread, rel=0.35)
 
 
+def test_scores_fall_as_the_spread_grows_where_there_are_few_events_too() -> None:
+    """Chance would have .2 score better than .12 here."""
+    walk = np.random.default_rng(0).standard_normal((12, 1, 2)).cumsum(axis=0)
+    found = mismatch_scale(Levels((0.2 * walk).astype(np.float32), TIMES[:12]), SENSOR, 120.0, 1000).f1
+    assert all(np.diff(found) <= 0) and found[-1] < 0.5 < found[-3] == found[-2]
+
+
 def test_scores_are_read_off_between_what_was_tried() -> None:
     scale = MismatchScale((0.0, 0.1, 0.3), (1.0, 0.5, 0.1))
     assert [scale.equivalent(f1) for f1 in (1.0, 0.75, 0.5, 0.3, 0.1)] == pytest.approx([0, 0.05, 0.1, 0.2, 0.3])

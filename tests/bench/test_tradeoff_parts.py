@@ -36,6 +36,17 @@ from clsim.scene import load_world
 _few = st.integers(0, 5).map(float)
 
 
+def test_a_stopwatch_adds_up_what_is_spent_between_its_start_and_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall, cpu = iter([0.0, 2.0, 10.0, 11.0]), iter([5.0, 5.5, 6.0, 6.25])
+    clock = SimpleNamespace(perf_counter=lambda: next(wall), process_time=lambda: next(cpu))
+    monkeypatch.setattr("clsim.bench.tradeoff.stopwatch.time", clock)
+    watch = Stopwatch()
+    for _ in range(2):
+        with watch:
+            pass
+    assert (watch.wall_s, watch.cpu_s) == (3.0, 0.75)
+
+
 @given(st.lists(st.tuples(_few, _few), max_size=12))
 def test_the_front_is_what_nothing_dominates(points: list[tuple[float, float]]) -> None:
     def dominated(i: int) -> bool:
