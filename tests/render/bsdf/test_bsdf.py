@@ -251,6 +251,16 @@ def test_disneys_white_glass_is_glass():
             assert abs(means[0].mean() - means[1].mean()) < 4 * error + 1e-4, (front, theta)
 
 
+def test_metal_brushed_along_u_is_metal_brushed_along_v_turned_round():
+    along, across = (Lone(Material(kind="conductor", color=WHITE, alpha=0.3, stretch=k)) for k in (2.0, 0.5))
+    wo, wi = from_angles(0.7, 0.3), from_angles(np.array([0.2, 0.9, 1.1]), np.array([1.0, 4.0, 2.0]))
+    turned = [np.stack([-w[..., 1], w[..., 0], w[..., 2]], axis=-1) for w in (wo, wi)]
+    (value, density), (other, other_density) = along.evaluate(wo, wi), across.evaluate(*turned)
+    np.testing.assert_allclose(other, value, rtol=1e-4)
+    np.testing.assert_allclose(other_density, density, rtol=1e-4)
+    assert (abs(across.evaluate(wo, wi)[0] / value - 1) > 0.05).all()
+
+
 @pytest.mark.parametrize("alpha", [0.05, 0.3, 0.8])
 @pytest.mark.parametrize("kind", ["conductor", "principled"])
 def test_white_metal_loses_what_single_scattering_loses(kind, alpha):
