@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from clsim.datasets import preview as preview_module
-from clsim.datasets.job import Done
+from clsim.datasets.job import Done, run_job, sequence_folder
 from clsim.datasets.measure import Figures, measure, reasons
 from clsim.datasets.spec import Limits, load_spec
 
@@ -80,3 +80,11 @@ def test_what_all_will_cost_is_told_by_ten(tmp_path, monkeypatch, workers, hours
     told = preview_module.preview(load_spec(str(Path(__file__).parent / "tiny.toml"), 100), tmp_path, workers)
     assert (told.samples, told.rejected) == (10, 10)
     assert (told.cpu_hours, told.hours, told.gigabytes) == pytest.approx((1.0, hours, 5.0))
+
+
+def test_a_sequence_holds_what_was_asked_for_and_nothing_that_tells_of_the_clock(tmp_path):
+    spec = load_spec(str(Path(__file__).parent / "tiny.toml"))
+    short = replace(spec, run=spec.run | {"frame_count": 2}, also=("a.csv", "b.npz"))
+    done = run_job(short, 0, str(tmp_path), None)
+    assert set(done.files) >= {"scene.toml", "events.h5", "a.csv", "b.npz"}
+    assert [each.name for each in sequence_folder(tmp_path, 0).glob("*.json")] == ["job.json"]

@@ -53,6 +53,17 @@ def test_a_bases_camera_gives_way_to_a_place_that_is_drawn(tmp_path):
     assert "fov_deg = 50.0" in text
 
 
+@pytest.mark.parametrize(
+    "moves",
+    ["position = [1, 2, 3]", "orbit = { radius_m = 1.0, period_s = 2.0 }", "keyframes = []", "trajectory = 'a.csv'"],
+)
+def test_a_base_moves_no_more_where_a_place_is_drawn(tmp_path, moves):
+    (tmp_path / "base.toml").write_text(f"[camera]\nfov_deg = 40\n{moves}\n")
+    scene = {"base": str(tmp_path / "base.toml"), "camera": {"position": [0.0, 1.0, 4.0]}}
+    (tmp_path / "a.toml").write_text(scene_text(scene))
+    assert read_toml(tmp_path / "a.toml") == {"camera": {"fov_deg": 40, "position": [0.0, 1.0, 4.0]}}
+
+
 def test_a_table_that_the_base_lacks_is_added(tmp_path):
     (tmp_path / "bare.toml").write_text("fps = 60\n")
     more = {"environment": {"radiance": [0.5, 0.5, 0.5]}}

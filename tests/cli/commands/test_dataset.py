@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from clsim.datasets import engine
+import json
+
+from clsim.datasets import engine, preview
 
 
 def test_what_scenes_ask_for_in_vain_is_printed(clsim, monkeypatch, tmp_path):
@@ -57,3 +59,16 @@ def test_a_data_set_with_a_sequence_that_failed_is_a_failure(clsim, monkeypatch,
     monkeypatch.setattr(engine, "make", lambda *_, **__: engine.Progress(2, whole=1, failures={1: "it broke"}))
     outcome = clsim("dataset", "flow", "--out", tmp_path / "set", "--shards", "webdataset")
     assert outcome.status == 1 and "clsim: sequence 1 failed: it broke" in outcome.stderr
+
+
+def test_a_look_ahead_is_for_as_many_workers_as_are_asked_for(clsim, monkeypatch, tmp_path):
+    asked = []
+
+    def look(spec, out, workers):
+        asked.append((spec.count, out, workers))
+        return preview.Preview("a.png", 1, 0.0, 0.0, 0.0, 0, ())
+
+    monkeypatch.setattr(preview, "preview", look)
+    words = ("--dry-run", "--count", "7", "--workers", "2", "--json")
+    assert json.loads(clsim("dataset", "flow", "--out", tmp_path / "set", *words).stdout)["sheet"] == "a.png"
+    assert asked == [(7, tmp_path / "set", 2)]
