@@ -45,6 +45,15 @@ def test_gltf_places_meshes_and_shares_them_between_nodes(tmp_path):
     assert describe(world)["triangles"] == 3
 
 
+@pytest.mark.parametrize(("told", "shown"), [(None, "node"), (0, "node"), (1, "other")])
+def test_of_several_scenes_the_default_one_is_shown(tmp_path, told, shown):
+    nodes = [{"mesh": 0, "name": "node"}, {"mesh": 0, "name": "other"}]
+    tree = gltf(nodes=nodes, scenes=[{"nodes": [0]}, {"nodes": [1]}], scene=told)
+    if told is None:
+        del tree["scene"]
+    assert [each.name for each in load_world(write_gltf(tmp_path, tree)).instances] == [shown]
+
+
 def test_base_colors_keep_their_factor_and_their_texture_with_its_top_row_first(tmp_path):
     uvs = np.array([(0.6, 0.1), (0.9, 0.1), (0.6, 0.4)], "<f4").tobytes()
     pixels = np.zeros((4, 8, 3))

@@ -35,6 +35,9 @@ def test_morph_targets_move_by_their_weights(tmp_path):
     still = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
     assert still.deformation is None
     np.testing.assert_allclose(still.vertices, np.add(CORNERS, [(0, 0, 1), (0, 0, 0), (0, 0, 0)]))
+    tree["nodes"][0]["weights"] = [0, 0.5]
+    own = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
+    np.testing.assert_allclose(own.vertices, np.add(CORNERS, [(0, 0, 0), (0, 1.5, 0), (0, 0, 0)]), err_msg="the node's")
     animate(tree, (0, "weights", [0, 2], [0, 0, 1, 0.5], "LINEAR"))
     moving = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
     vertices, normals = moving.deformation.vertices_at(1.0)

@@ -34,6 +34,17 @@ def test_spots_fall_off_over_five_degrees_unless_told(tmp_path, told, inner, out
     assert (spot.inner_deg, spot.outer_deg) == (pytest.approx(inner), pytest.approx(outer))
 
 
+@pytest.mark.parametrize(("width", "height"), [(400, 200), (200, 400), (300, 300)])
+def test_the_field_of_view_is_that_of_the_shorter_side(tmp_path, width, height):
+    """File format, "Cameras": ``fov`` is "the spread angle of the viewing frustum along the narrower" axis."""
+    film = f'Film "rgb" "integer xresolution" {width} "integer yresolution" {height}\n'
+    camera = load(
+        tmp_path, TRIANGLE, 'LookAt 0 0 -5  0 0 0  0 1 0\nCamera "perspective" "float fov" 40\n' + film
+    ).camera
+    half_width = math.tan(math.radians(camera.fov_deg / 2))
+    assert half_width * min(1, height / width) == pytest.approx(math.tan(math.radians(20)))
+
+
 def test_images_are_mapped_by_scale_and_delta(tmp_path):
     """UVMapping: (su·u + du, sv·v + dv)."""
     PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")

@@ -123,6 +123,13 @@ def test_roughness_metalness_and_opacity_take_their_channels(tmp_path):
     assert world.textures[found.opacity_texture].pixels[0, :, 3].tolist() == [255, 0]
 
 
+def test_a_picture_of_metal_leaves_roughness_as_it_is_told(tmp_path):
+    inputs = "float inputs:metallic.connect = </paint/picture.outputs:r>\n    float inputs:roughness = .4\n"
+    world, found = surface(tmp_path, inputs)
+    assert found.metallic == 1 and world.textures[found.roughness_texture].pixels[0, :, 1].tolist() == [255, 255]
+    assert found.alpha == pytest.approx(0.16)
+
+
 def test_subsets_have_materials_of_their_own_and_others_their_colour(tmp_path):
     subset = """
     color3f[] primvars:displayColor = [(.1, .7, .2)]
