@@ -67,6 +67,7 @@ def test_a_switched_lamp_is_on_from_each_periods_start_whatever_times_round_to()
     assert lamp.mean(0.0, 0.02) == pytest.approx([0.1 + 0.9 * 0.25] * 3)
     assert lamp.mean(0.002, 0.003) == pytest.approx([0.55] * 3)
     assert Pwm(100.0, 0.25, phase_deg=90.0).mean(0.0, 0.0)[0] == 0.0, "a quarter of the period has passed"
+    assert Pwm(100.0, 0.25, phase_deg=90.0).mean(7.6e-3, 7.6e-3)[0] == 1.0, "and after three more it is on again"
 
 
 def test_keyframes_are_held_joined_and_repeated() -> None:
