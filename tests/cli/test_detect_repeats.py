@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from clsim.events.files import open_source
 from tests.footage.clips import encode, grating
 
 SMALL = ("--resolution", "32x24", "--fps", "60", "--frame-count", "4", "--quality", "draft", "--view", "none")
@@ -53,6 +54,10 @@ def test_detection_in_pictures_is_repeated_from_its_sidecar(
     # What is given beside it wins.
     assert clsim("detect", "--config", "../a.csv.json", "--threshold", "0.6", "--out", "c.csv").status == 0
     assert 0 < len(Path("c.csv").read_text().splitlines()) < len(Path("b.csv").read_text().splitlines())
+    assert clsim("detect", "--config", "../a.csv.json", "--text-time", "s", "--out", "d.csv").status == 0
+    with open_source("b.csv") as whole_us, open_source("d.csv") as seconds:
+        np.testing.assert_array_equal(seconds.read(), whole_us.read())
+    assert Path("d.csv").read_text() != Path("b.csv").read_text()
 
 
 def test_detection_in_rendered_frames_is_repeated_from_its_sidecar(

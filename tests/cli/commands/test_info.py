@@ -220,9 +220,11 @@ def test_a_long_recording_begins_with_its_first_event(clsim, tmp_path):
     """It is read in portions."""
     events = np.zeros(40_000, EVENT_DTYPE)
     events["t"] = 5_000_000 + 100 * np.arange(len(events))
+    events["x"][0], events["y"][1], events["on"][:10_000] = 19, 9, True
     sink = open_sink(tmp_path / "a.aedat4", 20, 10, flush=FlushPolicy(events=1000))
     sink.write(events, end_of(events))
     sink.close()
     facts = told(clsim, tmp_path / "a.aedat4")["events"]
     assert (facts["first_us"], facts["last_us"]) == (5_000_000, 8_999_900)
+    assert facts["farthest_pixel"] == [19, 9] and facts["on_share"] == 0.25
     assert facts["duration_s"] == pytest.approx(3.9999) and facts["events_per_s"] == pytest.approx(40_000 / 3.9999)
