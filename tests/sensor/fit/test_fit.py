@@ -214,6 +214,36 @@ def test_a_base_that_is_not_there_is_told(recorded, tmp_path, monkeypatch, capsy
     assert capsys.readouterr().err == "clsim: --base: there is no sensor 'davis3'; did you mean davis346?\n"
 
 
+def test_a_fit_is_called_as_its_file_and_finds_its_base_from_anywhere(recorded, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fits").mkdir()
+    (tmp_path / "base.toml").write_text("[refractory]\nus = 123.0\n")
+    with clsim.write("still.npz", WIDTH, HEIGHT) as out:
+        for batch in recorded[0]:
+            out.write(batch, int(batch["t"][-1]) + 1 if len(batch) else 0)
+    assert run(monkeypatch, "sensor", "fit", "still.npz", "--out", "fits/own.toml", "--base", "base.toml") == 0
+    monkeypatch.chdir("/")
+    found = load_sensor(str(tmp_path / "fits" / "own.toml"))
+    assert (found.name, found.refractory.us) == ("own", 123.0)
+
+
+def test_what_several_recordings_tell_counts_together(recorded, tmp_path, monkeypatch, capsys):
+    """Numbers and their errors are those of one recording as long as both."""
+    batches, told = [batch for batch in recorded[0] if len(batch)], []
+    for names, cuts in ((["whole"], [0, len(batches)]), (["first", "second"], [0, len(batches) // 2, len(batches)])):
+        files = [tmp_path / f"{name}.npz" for name in names]
+        for file, begin, end in zip(files, cuts, cuts[1:], strict=False):
+            with clsim.write(file, WIDTH, HEIGHT) as out:
+                for batch in batches[begin:end]:
+                    out.write(batch, int(batch["t"][-1]) + 1)
+        assert run(monkeypatch, "sensor", "fit", *files, "--out", tmp_path / "a.toml", "--json") == 0
+        told.append(json.loads(capsys.readouterr().out))
+    whole, parts = told
+    assert whole.keys() == parts.keys() and len(whole) >= 5
+    for name, number in whole.items():
+        assert parts[name] == pytest.approx(number, rel=0.05), name
+
+
 def test_files_that_would_be_lost_are_not_written_over(tmp_path, monkeypatch, capsys):
     still, mine = tmp_path / "still.txt", tmp_path / "mine.toml"
     still.write_text("1 2 3 1\n")
