@@ -91,3 +91,14 @@ def test_openeb_fires_the_same_events_at_the_same_times(clip):
     for pixel, events in by_pixel.items():
         # OpenEB cuts times to whole µs, clsim rounds them; levels are float32 here.
         assert np.abs(np.array([t for t, _ in events]) - [t for t, _ in seen[pixel]]).max() <= 3
+
+
+@pytest.mark.parametrize(
+    ("channel", "weight", "codes"), [(0, 0.299, (20, 60)), (1, 0.587, (10, 30)), (2, 0.114, (50, 150))]
+)
+def test_v2e_sees_the_luma_of_bt_601(channel, weight, codes):
+    """Below 20, brightness is ln(20) / 20 times luma."""
+    frames = np.zeros((2, HEIGHT, WIDTH, 3), np.uint8)
+    frames[..., channel] = np.reshape(codes, (2, 1, 1))
+    found = sum(map(len, clsim.events_from(frames, [0, _STEP_US], like="v2e", threshold_on=_ON)))
+    assert found == WIDTH * HEIGHT * int(weight * (codes[1] - codes[0]) * np.log(20) / 20 / _ON)
