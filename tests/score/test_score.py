@@ -145,6 +145,8 @@ def test_wrong_input_is_named():
     events = batch((1, 3, 60, True))
     with pytest.raises(InputError, match="the reference has an event at x=3, y=60, outside the image of 100×50"):
         score(batch(), events, W, H, FPS)
+    with pytest.raises(InputError, match="the event set has an event at x=100, y=3, outside the image of 100×50"):
+        score(batch((1, 99, 49, True), (1, W, 3, True)), batch(), W, H, FPS)
     with pytest.raises(InputError, match="fps must be a positive number, got 0"):
         score(events, events, W, 100, 0)
     with pytest.raises(InputError, match="width must be"):
@@ -161,7 +163,8 @@ def test_curves_pass_through_the_scores_and_rise():
         result = score(events, reference, W, H, FPS, tau=t)
         assert (values.precision[i], values.recall[i], values.f1[i]) == (result.precision, result.recall, result.f1)
     assert (np.diff(values.f1) > 0).all()
-    assert len(curves(events, reference, Sampling(W, H, FPS)).tau) == 60
+    usual = curves(events, reference, Sampling(W, H, FPS)).tau
+    assert len(usual) == 60 and (usual[0], usual[-1]) == pytest.approx((1e-5, 1e-2))
 
 
 @pytest.mark.slow
