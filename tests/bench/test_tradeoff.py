@@ -273,3 +273,9 @@ def test_the_reference_is_made_finer_until_it_has_converged_and_that_is_told(tmp
     assert "left no time" in markdown_text(quick) and f"at {finer['fps']:g} fps" in markdown_text(fine)
     assert quick["points"][0]["events"] == fine["points"][0]["events"], "a point's own frame rate is not touched"
     assert quick["points"][0]["f1_within_1ms"] != fine["points"][0]["f1_within_1ms"]
+
+
+@pytest.mark.parametrize(("quick", "seeds"), [(True, (7,)), (False, (3, 9))])
+def test_a_sweep_is_of_the_seeds_that_are_asked_for(tmp_path: Path, quick: bool, seeds: tuple[int, ...]) -> None:
+    sweep = tradeoff.Sweep(TradeoffOptions("two-boxes", tmp_path, quick=quick, seeds=seeds), ignore)
+    assert len(sweep.points) >= 12 and {point.rendering.seed for point in sweep.points} == set(seeds)
