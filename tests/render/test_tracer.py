@@ -371,6 +371,16 @@ def test_the_build_is_described():
     assert "constant environment" in describe_build(mapped, RenderOptions())["left out"]
 
 
+@pytest.mark.parametrize("channel", range(3))
+def test_light_of_one_colour_is_light(channel):
+    color = tuple(float(k == channel) for k in range(3))
+    pixels = ImageTexture(np.full((1, 1, 4), 255, np.uint8))
+    lamp = Material(emission=color, emission_texture=0)
+    scene = hw.world(hw.ball(1.0), materials=(lamp,), textures=(pixels,), environment=color)
+    needed = {"textures of emission", "triangle area lights", "constant environment"}
+    assert needed <= set(describe_build(scene, RenderOptions())["built in"])
+
+
 def test_starting_is_silent():
     code = "import clsim.render as r; r.list_render_devices()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)

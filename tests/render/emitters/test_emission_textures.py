@@ -51,3 +51,18 @@ def test_a_dark_part_of_a_screen_keeps_a_little_and_what_does_not_emit_none():
     assert np.all((dark > 0) & (dark < 0.1))
     still = screen(CheckerTexture((1.0,) * 3, (1.0,) * 3), emission=(0.0, 0.0, 0.0))
     np.testing.assert_array_equal(mean_emission(still, still.meshes[0]), 0.0)
+
+
+@pytest.mark.slow  # kernels of their own are compiled; those that tests share take no lamp for whole
+def test_a_lamp_with_holes_lights_as_what_is_left_of_it():
+    half = ImageTexture(np.array([[[255, 255, 255, 255], [255, 255, 255, 0]]], np.uint8), nearest=True)
+    whole, left = (hw.quad((-1, 1.5, -1), (wide, 0, 0), (0, 0, 2), material=1) for wide in (2, 1))
+    glow = Material(color=(0, 0, 0), emission=(4.0, 5.0, 6.0))
+    found = []
+    for lamp, material in ((whole, replace(glow, alpha_mode="mask", opacity_texture=0)), (left, glow)):
+        floor = hw.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4))
+        view = hw.camera(hw.look_from((0, 0.5, 0), (0, 0, 0), up=(0, 0, -1)), 8, 8, fov_deg=20)
+        world = hw.world(floor, lamp, materials=(Material(), material), textures=(half,), view=view)
+        found.append(hw.mean_and_error(hw.render(world, spp=256, max_depth=2)))
+    (holed, holed_error), (cut, cut_error) = found
+    assert np.all(np.abs(holed - cut) < 4 * np.hypot(holed_error, cut_error)) and np.all(cut > 20 * cut_error)

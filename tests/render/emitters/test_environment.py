@@ -94,6 +94,12 @@ def test_radiance_is_the_bilinear_image():
     np.testing.assert_allclose(towards[:, :3], reference(image, directions), rtol=1e-3, atol=1e-4)
 
 
+def test_a_sky_of_one_colour_is_added_to_the_map():
+    image = random_map()
+    tables = tabulate(image, (0.0, 0.0, 2.0))
+    np.testing.assert_array_equal(tables.radiance, image.radiance + np.array((0, 0, 2), np.float32))
+
+
 @pytest.mark.slow  # kernels of their own are compiled
 def test_column_0_begins_at_minus_z_and_goes_over_plus_x():
     pixels = np.zeros((2, 4, 3), np.float32)
