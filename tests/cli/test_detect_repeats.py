@@ -84,6 +84,9 @@ def test_a_sensor_given_beside_a_sidecar_wins(
     assert clsim("detect", "--config", "1.csv.json", "--seed", "2", "--out", "again.csv").status == 0
     one, two, again = (Path(f"{name}.csv").read_bytes() for name in ("1", "2", "again"))
     assert again == two != one
+    assert clsim("detect", "frames", *seen, "1", "--labels", "--out", "1.h5").status == 0
+    with open_source("1.h5") as labelled, open_source("1.csv") as plain:
+        assert labelled.labelled == ("cause",) and len(labelled.read()) == len(plain.read()) > 0
 
 
 def test_each_command_names_the_one_whose_sidecar_it_is(clsim: Callable[..., object], tmp_path: Path) -> None:

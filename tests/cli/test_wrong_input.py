@@ -20,6 +20,8 @@ def files(tmp_path: Path) -> Path:
     (tmp_path / "cut.glb").write_bytes(glb[: len(glb) // 2])
     (tmp_path / "readonly").write_text("a file, not a folder")
     (tmp_path / "frames").mkdir()
+    (tmp_path / "earlier").mkdir()
+    (tmp_path / "earlier" / "between-000001.npz").touch()
     (tmp_path / "many_rays.toml").write_text("first_hit_rays = 100000\n")
     (tmp_path / "probes.toml").write_text("probe_spp = 99\n")
     (tmp_path / "each_second.toml").write_text("probe_every = 2\n")
@@ -117,6 +119,8 @@ def files(tmp_path: Path) -> Path:
         (["detect", "{}/frames", "--out", "{}/x.txt"], "no EXR file"),
         (["detect", "{}/frames", "--fps", "0", "--out", "{}/x.txt"], "--fps must be a positive number, got 0"),
         (["render", "still", "--out", "{}/readonly"], "readonly"),
+        (["render", "still", "--times", "adaptive", "--out", "{}/earlier"], "earlier holds files between-NNNNNN.npz"),
+        (["bench", "throughput", "--opencl", "no such device"], "no such device"),
         (
             ["render", "still", "--out", "{}/new", "--times", "{}/t.txt", "--time-tolerance", "1ms"],
             "--time-tolerance is for --times adaptive",

@@ -375,10 +375,20 @@ def test_the_build_is_described():
 def test_light_of_one_colour_is_light(channel):
     color = tuple(float(k == channel) for k in range(3))
     pixels = ImageTexture(np.full((1, 1, 4), 255, np.uint8))
-    lamp = Material(emission=color, emission_texture=0)
-    scene = hw.world(hw.ball(1.0), materials=(lamp,), textures=(pixels,), environment=color)
+    lamp = Material(emission=color, emission_texture=0, emits_behind=False)
+    glass = Material(kind="dielectric", absorption=color)
+    balls = hw.ball(1.0), hw.ball(2.0, material=1)
+    scene = hw.world(*balls, materials=(lamp, glass), textures=(pixels,), environment=color)
     needed = {"textures of emission", "triangle area lights", "constant environment"}
+    needed |= {"lamps that shine from one side", "glass that dims light within"}
     assert needed <= set(describe_build(scene, RenderOptions())["built in"])
+
+
+def test_a_blend_with_the_first_material_keeps_its_picture():
+    pixels = ImageTexture(np.full((1, 1, 4), 255, np.uint8))
+    second = Material(blend_with=0, blend_texture=0)
+    scene = hw.world(hw.ball(1.0, material=1), materials=(Material(), second), textures=(pixels,))
+    assert {"blends of materials", "image textures"} <= set(describe_build(scene, RenderOptions())["built in"])
 
 
 def test_starting_is_silent():

@@ -39,6 +39,9 @@ def test_a_slow_video_is_not_warned_about(clsim, tmp_path):
     clip = write_clip(tmp_path / "clip.mkv", frames, [5 * k for k in range(5)], pixels="gray16le", trc=1)
     outcome = clsim("detect", clip, "--out", tmp_path / "events.csv", "--json")
     assert (outcome.status, outcome.stderr.count("clsim:")) == (0, 0)
+    about = json.loads(clsim("info", clip, "--json").stdout)["footage"]
+    assert (about["resolution"], about["transfer"], about["steps"]) == ([WIDTH, HEIGHT], "bt709", 65535)
+    assert about["fps"] == 30.0, "as its header tells"
     motion = json.loads(outcome.stdout)["motion"]
     # 40 px/s at 200 frames a second.
     assert motion["largest_px"] == pytest.approx(0.2, abs=0.03)

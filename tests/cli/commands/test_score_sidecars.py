@@ -172,3 +172,14 @@ def test_a_recording_that_goes_on_after_the_other_is_told(clsim, tmp_path: Path,
     sentence = f"{truth} ends at 0.1 s, {found} at {ends_s} s: events after the earlier end match nothing"
     assert outcome.status == 0 and json.loads(outcome.stdout)["precision"] == 0.5
     assert (sentence in " ".join(outcome.stderr.split())) == said and bool(outcome.stderr) == said
+
+
+def test_what_is_drawn_are_the_scores_that_are_told(clsim, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two events one has a partner, which is the only true one."""
+    drawn = {}
+    monkeypatch.setattr("clsim.score.plot_curves", lambda curves, file: drawn.update(curves))
+    found = record(tmp_path / "found.txt", [11_000, 200_000], **size(8, 4), fps=50.0)
+    truth = record(tmp_path / "truth.txt", [11_000], **size(8, 4), fps=50.0)
+    told = json.loads(clsim("score", found, truth, "--plot", tmp_path / "a.png", "--json").stdout)
+    assert (told["precision"], told["recall"]) == (0.5, 1.0)
+    assert (set(drawn["found"].precision), set(drawn["found"].recall)) == ({0.5}, {1.0})
