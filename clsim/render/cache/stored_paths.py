@@ -397,7 +397,7 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
                     toward = toward - 2.0 * facing * normal
                 back = _OFF * (1.0 + point.reach_m) / wp.max(wp.abs(facing), 0.05)
                 start = point.position - toward * back
-                sample = trace(scene, start, toward, time, settings, stream, wp.vec2())
+                sample = trace(scene, start, toward, time, settings, stream, wp.vec2(), True)
                 light = wp.vec3()
                 if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                     light = wp.cw_div(sample.radiance - sample.emission, lit_albedo(sample))

@@ -42,7 +42,7 @@ def make_trace(
     about_scattering: tuple[Any, Any, Any, Any],
     about_lamps: tuple[Any, Any, Any],
 ) -> Any:
-    """Return ``trace(scene, start, toward, time, settings, stream, width)``, which becomes a Warp function.
+    """Return ``trace(scene, start, toward, time, settings, stream, width, wanted)``, which becomes a Warp function.
 
     Args:
         features: what the kernel is built for.
@@ -73,7 +73,9 @@ def make_trace(
         settings: Settings,
         stream: sampling.Stream,
         width: wp.vec2,
+        wanted: bool,
     ) -> Sample:
+        # Where it is not wanted, it is empty: to choose between two samples would copy both.
         sample = Sample()
         origin = start
         direction = toward
@@ -94,7 +96,7 @@ def make_trace(
         absorption = wp.vec3()
         # Whether direct light at the last place is analytic.
         analytic = bool(False)
-        for depth in range(settings.max_depth):
+        for depth in range(wp.where(wanted, settings.max_depth, 0)):
             dimension = (depth + 1) * _DIMENSIONS
             if wp.static(features.environment_map and by_light and not primary_only):
                 foresee_environment(scene.lights.environment_image, uniform2(stream, dimension + sampling.LIGHT))

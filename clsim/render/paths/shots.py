@@ -18,7 +18,7 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
 
     Args:
         features: what the kernel is built for.
-        trace: follows a path or a primary ray: ``trace(scene, start, toward, time, settings, stream, width)``,
+        trace: follows a path or a primary ray: ``trace(scene, start, toward, time, settings, stream, width, wanted)``,
             which returns a `Sample`.
     """
     camera_ray = make_camera(features)
@@ -52,10 +52,8 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
         x = float(pixel % settings.width)
         y = float(pixel // settings.width)
         ray = camera_ray(camera, x + place[0], y + place[1], lens, shutter)
-        sample = Sample()
-        if wanted and ray.exists:
-            sample = trace(scene, ray.origin, ray.direction, time, settings, stream, width)
-        return sample
+        wanted_ray = wanted and ray.exists
+        return trace(scene, ray.origin, ray.direction, time, settings, stream, width, wanted_ray)
 
     # Inlined, and ``trace`` too: a function of its own would copy the scene for each ray.
     return wp.func(shoot_at, inline=True)  # type: ignore[call-overload]
