@@ -67,7 +67,7 @@ def test_at_rest_the_sensor_feels_its_support_and_nothing_turns() -> None:
 
 def test_samples_lead_from_pose_to_pose() -> None:
     """Turn rates add up to the rotation, and specific force with gravity to the way, as in any strapdown filter."""
-    motion = Orbit((0.0, 1.0, 0.0), 2.0, 1.5, target=(0.2, 1.4, 0.3))
+    motion = Orbit((0.0, 1.0, 0.0), 2.0, 1.5, start_deg=50.0, target=(0.2, 1.4, 0.3))
     rate = 1000.0
     samples = Imu(motion, rate, ImuNoise(), GRAVITY, 0).until(400_000)
     camera = track("camera", motion, np.array([0, 400_000]), camera=True)
