@@ -54,6 +54,20 @@ def test_truth_stands_beside_the_same_events(tmp_path: Path) -> None:
         assert not file["frames/backward_flow_valid"][0].any() and file["frames/backward_flow_valid"][1].all()
 
 
+def test_another_seed_is_other_noise_of_the_inertial_sensor(tmp_path: Path) -> None:
+    kalibr, found = tmp_path / "imu.yaml", {}
+    names = ("accelerometer_noise_density", "accelerometer_random_walk", "gyroscope_noise_density")
+    kalibr.write_text("".join(f"{name}: 0.01\n" for name in (*names, "gyroscope_random_walk")))
+    for run, seed in (("a", 1), ("b", 2), ("again", 1)):
+        path = str(tmp_path / f"{run}.h5")
+        options = {"method": "esim", "spp": 1, "seed": seed, "truth": "imu", "imu_noise": str(kalibr), "outputs": path}
+        with clsim.stream("still", resolution=(8, 6), frame_count=3, **options) as stream:
+            list(stream)
+        with h5py.File(path) as file:
+            found[run] = np.hstack([file[f"imu/{name}"][:] for name in ("acceleration", "angular_velocity")])
+    assert len(found["a"]) > 10 and (found["a"] != found["b"]).all() and (found["a"] == found["again"]).all()
+
+
 @pytest.mark.slow
 def test_labels_tell_cause_and_object_in_every_file_that_holds_them(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
