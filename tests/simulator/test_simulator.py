@@ -11,9 +11,12 @@ import pytest
 import clsim
 from clsim.detector import Detector
 from clsim.errors import Error, InputError
+from clsim.events import CAUSES
 from clsim.live.stages import Stages
 from clsim.render import RenderCancelled
 from clsim.render.view import View
+from clsim.sensor import SensorSettings
+from clsim.sensor.pixel_stages import Leak
 from clsim.simulator.snapshot import Snapshot
 from clsim.truth.labels import Labeller
 from tests.simulator import stage
@@ -130,6 +133,59 @@ def test_a_reset_lets_go_of_what_was_built() -> None:
         run.reset()
         with pytest.raises(RenderCancelled):
             before.fill(1, run._camera_pipeline._frame)
+
+
+def test_what_is_set_after_a_reset_is_seen_in_the_first_frame(tmp_path: Path) -> None:
+    """Also where there was no other frame before, so that the time is the same."""
+    seen = []
+    with stage.simulator(tmp_path) as run:
+        for x in (0.0, 0.3, 0.0):
+            run.reset()
+            run.set_pose("box", ((x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), 0)
+            run.step(0)
+            seen.append(run.frame().planes)
+    assert (seen[0] != seen[1]).any() and (seen[0] == seen[2]).all()
+
+
+@pytest.mark.parametrize("at_us", [None, 5_000])
+def test_of_two_poses_for_one_time_the_later_one_holds(tmp_path: Path, at_us: int | None) -> None:
+    upright = (0.0, 0.0, 0.0, 1.0)
+    with stage.simulator(tmp_path) as run:
+        for x in (0.4, 0.1):
+            run.set_pose("box", ((x, 0.0, 0.0), upright), at_us)
+        run.step(5_000)
+        assert run.pose("box")[0, 3] == pytest.approx(0.1)
+
+
+def test_a_lamp_of_one_colour_can_be_set_and_one_without_light_cannot(tmp_path: Path) -> None:
+    file = Path(stage.scene(tmp_path))
+    file.write_text(file.read_text().replace("radiance = [20.0, 20.0, 20.0]", "radiance = [0.0, 20.0, 0.0]"))
+    with clsim.Simulator(file) as run:
+        run.step(0)
+        green = run.frame().plane("G").mean()
+        run.set_light("lamp", (0.0, 0.0, 0.0))
+        run.step(5_000)
+        assert run.frame().plane("G").mean() < 0.95 * green
+    file.write_text(file.read_text().replace("radiance = [0.0, 20.0, 0.0]", "radiance = [0.0, 0.0, 0.0]"))
+    with clsim.Simulator(file) as run, pytest.raises(InputError, match="'lamp' shines in stage"):
+        run.set_light("lamp", (1.0, 1.0, 1.0))
+
+
+def test_causes_are_those_of_the_last_steps_events_one_by_one() -> None:
+    """However long the steps are: some have several frames, some one or none."""
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    leaky = SensorSettings(leak=Leak(20.0))
+    with simulator("two-boxes", method="esim", sensor=leaky) as run:
+        for ends_us in ((100_000,), (40_000, 42_000, 60_000, 100_000)):
+            parts = []
+            for until_us in ends_us:
+                parts.append((run.step(until_us), run.causes))
+                assert len(parts[-1][0]) == len(run.causes)
+            found.append(tuple(map(np.concatenate, zip(*parts, strict=True))))
+            run.reset()
+    whole, cut = found
+    assert whole[0].tobytes() == cut[0].tobytes() and whole[1].tobytes() == cut[1].tobytes()
+    assert {CAUSES[cause] for cause in whole[1]} == {"signal", "leak"}
 
 
 def test_what_could_not_be_built_is_told_and_built_by_the_next_step(monkeypatch: pytest.MonkeyPatch) -> None:

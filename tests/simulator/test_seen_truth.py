@@ -1,0 +1,34 @@
+"""Truth of what is driven, as `Simulator.truth` tells it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.simulator.stage import simulator
+
+
+@pytest.mark.slow
+def test_backward_flow_leads_to_the_frame_before_however_near_that_is(tmp_path: Path) -> None:
+    """The box goes sideways at 4 m/s, and the caller's frames are nearer to each other than `fps` asks for."""
+    with simulator(tmp_path, truth=("depth", "backward-flow"), fps=50.0, clock="caller") as run:
+        run.set_pose("box", ((0.08, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), 20_000)
+        run.step(0)
+        for until_us, way_m in ((5_000, 0.02), (12_000, 0.028)):
+            run.step(until_us)
+            known = run.truth()
+            front = np.abs(known["depth"] - 2.6) < 1e-5
+            assert front.sum() > 20
+            expected = -16 / np.tan(np.radians(25)) * way_m / 2.6
+            np.testing.assert_allclose(known["backward-flow"][front][:, 0], expected, atol=1e-4)
+
+
+def test_truth_stays_what_it_was_when_a_step_follows(tmp_path: Path) -> None:
+    with simulator(tmp_path, truth=("depth",)) as run:
+        run.step(0)
+        told = run.truth()
+        kept = {name: values.copy() for name, values in told.items()}
+        run.set_pose("box", ((0.5, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+        run.step(5_000)
+        assert all((run.truth(name)[name] != kept[name]).any() for name in kept)
+        assert all((told[name] == kept[name]).all() for name in kept)
