@@ -21,11 +21,11 @@ from clsim.truth.formats.dsec import disparity_image, flow_image
 from clsim.truth.formats.hdf5 import Hdf5Layout
 from clsim.truth.layouts import held_by, open_layout
 from clsim.truth.motions import Motions
-from clsim.truth.record import Layout, Shot
+from clsim.truth.record import Layout, Shot, TrackChunk
 from clsim.truth.recorder import Plan, TruthRecorder
 from clsim.truth.recording import read_recording
 from clsim.truth.world_facts import object_names, poses_at_start
-from clsim.truth.writing.png import write_png
+from clsim.truth.writing.png import read_png, write_png
 from tests.truth import recordings
 
 
@@ -57,11 +57,15 @@ class Notes(Layout):
 
     def __init__(self) -> None:
         self.shots: list[Shot] = []
+        self.poses_us: list[int] = []
 
     def events(self, batch: np.ndarray, end_us: int) -> None: ...
 
     def shot(self, shot: Shot) -> None:
         self.shots.append(shot)
+
+    def track(self, chunk: TrackChunk) -> None:
+        self.poses_us += chunk.times_us.tolist()
 
     def close(self) -> None: ...
 
@@ -82,6 +86,19 @@ def test_a_frames_index_is_that_of_the_first_event_at_or_after_it(times: list[in
     for shot in notes.shots:
         assert shot.event_index == np.count_nonzero(t < shot.time_us)
         assert (shot.before_us, shot.after_us) == (shot.time_us - 3 * every, shot.time_us + 3 * every)
+
+
+@pytest.mark.parametrize("every", [1, 3, 4])
+def test_each_pose_is_told_once_up_to_the_last_frame(every: int) -> None:
+    """Whether truth is recorded of that or not; to close twice adds nothing."""
+    about, notes = recordings.about(names=("poses",)), Notes()
+    motions = Motions(about, recordings.ORBIT, (), 200.0, 0)
+    recorder = TruthRecorder(Plan(about, every, lambda index: 10_000 * index, motions), notes)
+    for index in range(4):
+        recorder.record(frame(10_000 * index, index), np.zeros(0, EVENT_DTYPE))
+    recorder.close()
+    recorder.close()
+    assert notes.poses_us == list(range(0, 30_001, 5_000))
 
 
 def test_flow_of_dsec_tells_from_when_to_when(tmp_path: Path) -> None:
@@ -159,6 +176,16 @@ def test_what_is_too_near_or_too_far_for_disparity_has_none():
     depth = np.array([[0.0, 0.39, 0.3907, 1.0, 20_000.0, 60_000.0, np.inf]], np.float32)
     found = disparity_image(depth, 100.0)
     assert found.tolist() == [[0, 0, 65_523, 25_600, 1, 0, 0]]
+
+
+def test_an_object_beyond_16_bits_is_not_taken_for_another(tmp_path: Path) -> None:
+    layout = open_layout(str(tmp_path / "run.dsec"), recordings.about())
+    ids = np.full((recordings.HEIGHT, recordings.WIDTH), 65_536 + 2, np.float32)
+    ids[0] = 2
+    layout.shot(Shot(0, 0, 0, 0, {"depth": np.ones_like(ids), "object": ids}))
+    layout.close()
+    found = read_png(tmp_path / "run.dsec" / "ids" / "object" / "000000.png")
+    assert (found[0] == 2).all() and (found[1:] == 65_535).all()
 
 
 def test_flow_that_goes_too_far_for_16_bits_is_not_known() -> None:
