@@ -182,11 +182,13 @@ def test_mitsuba_aov(tmp_path, image):
     assert frame.plane("Coverage").sum() == H * W - 1 and frame.plane("Coverage")[2, 3] == 0
 
 
-def test_mitsuba_shading_normals_go_before_geometric_ones(tmp_path):
-    channels = {c: plane() for c in "RGB"} | {f"{g}.{c}": plane() for g in ("geo_normal", "sh_normal") for c in "XYZ"}
+@pytest.mark.parametrize(("geometric", "shading"), [("geo_normal", "sh_normal"), ("NormalGeo", "NormalShading")])
+def test_mitsuba_shading_normals_go_before_geometric_ones(tmp_path, geometric, shading):
+    """Whoever renders chooses the names."""
+    channels = {c: plane() for c in "RGB"} | {f"{g}.{c}": plane() for g in (geometric, shading) for c in "XYZ"}
     write(tmp_path / "f1.exr", channels)
     _, frame = read_one(tmp_path)
-    np.testing.assert_array_equal(frame.plane("Nz"), channels["sh_normal.Z"])
+    np.testing.assert_array_equal(frame.plane("Nz"), channels[f"{shading}.Z"])
 
 
 def blender(albedo):

@@ -31,3 +31,11 @@ def test_many_patches_are_spread_over_the_picture():
     x, y = np.array(patches.corners).T
     for places, size in ((x, 346), (y, 260)):
         assert np.ptp(places) > 0.6 * size and np.diff(np.sort(places)).max() < 0.25 * size
+
+
+def test_many_patches_reach_all_four_edges():
+    """Noise at an edge is measured as it is anywhere else."""
+    patches = Patches.over(72, 60, 0, 2.0)
+    assert patches is not None and len(patches.corners) > 100
+    for places, size in zip(np.array(patches.corners).T, (72, 60), strict=True):
+        assert (places.min(), places.max()) == (0, size - patches.side)

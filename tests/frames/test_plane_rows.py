@@ -1,6 +1,6 @@
 import pytest
 
-from clsim.frames import PLANES, PlaneSet, plane_of, rendered_planes
+from clsim.frames import PLANES, TRUTH_PLANES, PlaneSet, plane_of, rendered_planes
 
 ICIP_2023 = ("R", "G", "B", "Albedo.R", "Albedo.G", "Albedo.B", "Nx", "Ny", "Nz", "Depth")
 """Channels of the published program's files, in its order."""
@@ -16,6 +16,14 @@ def test_variances_follow_all_values() -> None:
     both = rendered_planes(variances=True)
     variances = [f"Variance.{name}" for name in (*ICIP_2023, "Coverage", "Luminance")]
     assert both.names == (*rendered_planes().names, *variances)
+
+
+@pytest.mark.parametrize("options", [{}, {"first_hit_rays": True}, {"variances": True}])
+def test_truth_comes_last_and_moves_no_plane(options: dict[str, bool]) -> None:
+    """Also where it is asked for in another order."""
+    plain, asked = rendered_planes(**options).names, rendered_planes(**options, truth=tuple(TRUTH_PLANES)).names
+    assert asked[: len(plain)] == plain and len(asked) > len(plain) + 10
+    assert rendered_planes(**options, truth=tuple(TRUTH_PLANES)[::-1]).names == asked
 
 
 def test_a_plane_is_found_where_its_channels_are() -> None:
