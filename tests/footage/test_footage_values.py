@@ -119,11 +119,12 @@ def test_whole_numbers_are_srgb_unless_told_and_floating_point_is_linear() -> No
     np.testing.assert_allclose(first(Arrays([light.astype(np.float32)], [0]))[0], light, rtol=1e-6)
 
 
-@pytest.mark.parametrize("scale", [0.25, 1.0, 8.0])
-def test_the_floor_is_that_of_scaled_light(scale: float) -> None:
+@pytest.mark.parametrize(("scale", "on", "off"), [(0.25, 0.2, 0.2), (8.0, 0.2, 0.5), (1.0, 0.5, 0.2)])
+def test_the_floor_is_that_of_scaled_light_and_of_the_smaller_threshold(scale: float, on: float, off: float) -> None:
     """L = ln max(scale·Y, floor): where light is scaled, so is the light below which steps are too coarse."""
     source = Arrays([np.zeros((2, 2), np.uint8)], [0], "linear")
-    config = footage_detector(source, FootageOptions("").settings, {"threshold_on": 0.2, "scale": scale})
+    given = {"threshold_on": on, "threshold_off": off, "scale": scale}
+    config = footage_detector(source, FootageOptions("").settings, given)
     assert config.floor == pytest.approx(scale * quantisation_floor("linear", 255, 0.2))
 
 

@@ -1,9 +1,13 @@
-"""A run says what was chosen and why."""
+"""A run says what was chosen and why, and whether there is light enough."""
 
+import numpy as np
 import pytest
 
+from clsim.frames import Frame
 from clsim.live.options import LiveOptions
+from clsim.live.sensors import LightMeter
 from clsim.live.stages import plan_stages
+from clsim.sensor import load_sensor
 
 
 @pytest.mark.parametrize(
@@ -25,3 +29,13 @@ def test_how_light_is_known_and_when_brightness_is_found(options: dict[str, str]
 
 def test_where_lights_are_set_from_outside_they_are_followed() -> None:
     assert "traced again" in plan_stages(LiveOptions(scene="two-boxes"), lights_set=True).chosen[1]
+
+
+@pytest.mark.parametrize(("dark_pixels", "told"), [(49, False), (51, True)])
+def test_it_is_too_dark_where_half_of_the_picture_is_however_bright_the_rest(dark_pixels: int, told: bool) -> None:
+    """0.04 lux leave a DAVIS346 29 % of the contrast; pixels without a level, as of NaN, do not count."""
+    lux = np.full(120, 1e4, np.float32)
+    lux[:dark_pixels], lux[100:] = 0.04, np.nan
+    meter = LightMeter(load_sensor("davis346"), 100.0)
+    meter.show_frame(Frame(np.zeros((1, 10, 12), np.float32), ("R",)), np.log(lux / 100.0).reshape(10, 12))
+    assert (meter.told is not None and "darker than 0.04 lux" in meter.told) is told

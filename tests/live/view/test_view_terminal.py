@@ -79,6 +79,7 @@ def test_old_events_fade_and_vanish() -> None:
     view.write(many(0, 0, True, t=1000, count=2), end_of(many(0, 0, True, t=1000, count=2)))
     strong = pixels(view.picture(2, 1, now_us=1000))[0][0]
     weak = pixels(view.picture(2, 1, now_us=1000 + int(terminal.DECAY_US)))[0][0]
+    assert pixels(view.picture(2, 1))[0][0] == weak, "what has faded does not come back"
     gone = pixels(view.picture(2, 1, now_us=1000 + 5 * int(terminal.DECAY_US)))[0][0]
     assert strong != weak != "" and gone == ""
 
