@@ -10,6 +10,7 @@ from scipy import stats
 
 from clsim.errors import InputError
 from clsim.sensor import SensorSettings, characteristics, load_sensor
+from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import FrontEnd, Leak, Noise, Threshold
 from clsim.sensor.settings import Readout
 
@@ -44,6 +45,12 @@ def test_noise_rates_are_those_of_the_settings():
         assert found == pytest.approx(off / math.expm1(2 * off), rel=0.03)
 
 
+def test_rates_are_of_the_time_that_is_watched_and_not_of_the_start():
+    """A leak alone fires like clockwork, first after 0.67 s: what comes before pixels are at ease is not counted."""
+    rates = characteristics.noise_rates(SensorSettings(leak=Leak(1.5)), LUX)
+    assert rates.on_hz == pytest.approx(np.full(3, 1.5), rel=1e-6) and not rates.off_hz.any()
+
+
 def test_latency_is_that_of_a_pole_and_thresholds_are_normal():
     tau_s = 1 / (2 * math.pi * 100)
     settings = SensorSettings(threshold=Threshold(0.3, 0.2, mismatch=0.03), front_end=FrontEnd(follower_hz=100.0))
@@ -68,6 +75,18 @@ def test_pixels_without_faults_are_ideal():
     assert not rates.on_hz.any() and not rates.off_hz.any()
     assert (characteristics.step_latencies(ideal, LUX).on_s == 1e-6).all()
     assert all(found == pytest.approx(np.full(50, 0.2)) for found in characteristics.thresholds(ideal, 50))
+
+
+@pytest.mark.parametrize("size", [(5, 3), (16, 2), (33, 4)])
+def test_each_pixel_of_a_lab_sees_what_it_is_told(size):
+    width, height = size
+    levels = 0.25 * np.arange(width * height).reshape(height, width)
+    lab = Lab(SensorSettings(threshold=Threshold(0.2, 0.2)), width, height)
+    assert len(lab.to(0, 0.0).events) == 0
+    events = lab.to(1_000, levels).events
+    counts = np.zeros((height, width), int)
+    np.add.at(counts, (events["y"], events["x"]), 1)
+    assert events["on"].all() and (counts == np.floor(levels / 0.2 + 1e-9)).all()
 
 
 def test_readouts_let_as_much_through_as_their_numbers_say():

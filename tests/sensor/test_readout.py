@@ -168,6 +168,13 @@ def test_a_scan_stamps_its_own_times_and_reads_a_pixel_once():
     assert stats.kstest(waits / 500_000, "uniform").pvalue > 1e-3
 
 
+def test_a_period_of_the_controller_need_not_be_whole_microseconds():
+    served, lost = bus(control_period_us=1.5, most_in_period=1).run(
+        requests_at([200, 1600, 2900, 3100, 4400, 4500]), END_NS
+    )
+    assert served["t"].tolist() == [200, 1600, 3100, 4500] and lost == 2
+
+
 def test_the_controller_lets_so_many_pass_in_each_period():
     asked = poisson(1e5)
     served, lost = bus(control_period_us=200.0, most_in_period=10).run(asked, END_NS)
