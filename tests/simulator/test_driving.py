@@ -262,12 +262,13 @@ def test_truth_follows_what_is_set_and_changes_no_event(tmp_path: Path) -> None:
     [
         {},
         {"sensor": "davis346", "resolution": (32, 24)},
+        {"sampling": "adaptive"},
         pytest.param({"method": "esim-ad"}, marks=pytest.mark.slow),
         pytest.param({"method": "esim", "noise": "independent"}, marks=pytest.mark.slow),
         pytest.param({"quality": "published"}, marks=pytest.mark.slow),
         pytest.param({"time": "adaptive", "fps": 200.0}, marks=pytest.mark.slow),
     ],
-    ids=["balanced", "davis346", "esim-ad", "independent", "published", "adaptive"],
+    ids=["balanced", "davis346", "adaptive sampling", "esim-ad", "independent", "published", "adaptive"],
 )
 def test_from_a_snapshot_the_same_happens_again(tmp_path: Path, options: dict[str, Any]) -> None:
     def goes_on() -> list[bytes]:

@@ -235,6 +235,10 @@ def test_steps_by_the_wall_clock_end_when_their_time_has_come(monkeypatch: pytes
         assert waits[-1] == 0 and run.lag_s == pytest.approx(0.05)
         run.step(130_000)
         assert waits[-1] == pytest.approx(0.03) and run.lag_s == 0
+        run.reset()
+        run.step(10_000)
+        run.step(30_000)
+        assert waits[-2:] == pytest.approx([0.0, 0.02]) and run.lag_s == 0, "the first step's end is now, again"
 
 
 def test_light_that_was_set_before_a_snapshot_shines_again_after_another(tmp_path: Path) -> None:
