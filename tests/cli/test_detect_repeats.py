@@ -66,6 +66,7 @@ def test_detection_in_rendered_frames_is_repeated_from_its_sidecar(
     monkeypatch.chdir(tmp_path)
     assert clsim("render", "two-boxes", *SMALL[:-2], "--out", "frames").status == 0
     assert clsim("detect", "frames", "--threshold", "0.1", "--floor", "0.01", "--out", "a.csv").status == 0
+    assert json.loads(Path("a.csv.json").read_text())["fps"] == 60, "not that of times in whole microseconds"
     monkeypatch.chdir(tmp_path.parent)
     outcome = clsim("detect", "--config", tmp_path / "a.csv.json", "--out", tmp_path / "b.csv")
     assert outcome.status == 0, outcome.stderr

@@ -155,6 +155,7 @@ def test_of_two_poses_for_one_time_the_later_one_holds(tmp_path: Path, at_us: in
             run.set_pose("box", ((x, 0.0, 0.0), upright), at_us)
         run.step(5_000)
         assert run.pose("box")[0, 3] == pytest.approx(0.1)
+        assert run.pose("box", 0)[0, 3] == 0.0, "where it began"
 
 
 def test_a_lamp_of_one_colour_can_be_set_and_one_without_light_cannot(tmp_path: Path) -> None:
