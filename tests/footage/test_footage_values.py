@@ -171,6 +171,8 @@ def test_footages_unit_of_light_is_told_by_scale_or_by_lux() -> None:
         options = {"sensor": "davis346", "fps": 100.0, "scale": unit, "lux_per_unit": 100.0 * unit}
         found.append(np.concatenate(list(clsim.events_from(seen, **options))))
     assert len(found[0]) > 200 and found[0].tobytes() == found[1].tobytes()
+    other = np.concatenate(list(clsim.events_from(frames, sensor="davis346", fps=100.0, seed=1)))
+    assert other.tobytes() != found[0].tobytes(), "another seed is another sensor"
 
 
 def test_a_rate_that_is_told_is_that_of_the_video(tmp_path: Path) -> None:

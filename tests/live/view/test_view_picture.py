@@ -41,6 +41,17 @@ def test_pictures_are_those_of_masks_over_all_events(look: Look, step_us: float)
         assert np.array_equal(image, wanted)
 
 
+@pytest.mark.parametrize("last_us", [99, 100, 101, 199, 200, 300])
+def test_each_event_is_in_one_picture_also_the_last_at_the_end_of_a_step(last_us: int) -> None:
+    events = np.zeros(2, EVENT_DTYPE)
+    events["t"], events["x"], events["on"] = (1_000, 1_000 + last_us), (3, 7), True
+    images = list(film_images([events[:1], events[1:]], SIZE, Look(accumulate_us=100), 100.0))
+    assert len(images) == last_us // 100 + 1
+    assert [tuple(np.argwhere(image != 128)[:, 1]) for image in (images[0], images[-1])] == (
+        [(3, 7)] * 2 if last_us < 100 else [(3,), (7,)]
+    )
+
+
 def test_a_gif_holds_every_picture_in_its_own_colours(tmp_path: Path) -> None:
     look = Look(colours="purple-green", scale=2)
     count = write_picture(str(tmp_path / "film.gif"), BATCHES, SIZE, look, Film(fps=30))
