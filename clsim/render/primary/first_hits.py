@@ -86,42 +86,41 @@ def _rim_of(corner: int, width: int) -> int:
 def _take_in(
     surfaces: wp.array[SeenSurface],
     number: int,
-    edge: Edge,
+    edge: wp.array[Edge],
     sample: Sample,
     place: wp.vec2,
     footprint: Footprint,
     corner: Sample,
     pixel: wp.vec2,
     coats: bool,
-) -> tuple[Edge, int]:
-    """Add what a ray inside a pixel saw, and judge by it what the ``corner`` and the others told.
+) -> int:
+    """Add what a ray inside a pixel saw, and judge by it what the ``corner`` and the others told of the edge.
 
     Returns:
-        The edge, and the number of surfaces.
+        The number of surfaces.
     """
-    after = edge
     known = number
     k = int(0)
-    if after.flat:
-        after.flat = on_flat_surface(footprint, corner, sample, place, pixel)
-        after.plain = after.plain and after.flat
-    if not after.flat:
-        k = find_surface(surfaces, known, sample, after.by_colour, pixel)
+    if edge[0].flat:
+        edge[0].flat = on_flat_surface(footprint, corner, sample, place, pixel)
+        edge[0].plain = edge[0].plain and edge[0].flat
+    if not edge[0].flat:
+        k = find_surface(surfaces, known, sample, edge[0].by_colour, pixel)
     if k < 0:
-        after.plain = after.plain and known == 0
-        after.straight = False
+        edge[0].plain = edge[0].plain and known == 0
+        edge[0].straight = False
         if k == -1:
             known = begin_surface(surfaces, known, sample)
             k = known - 1
         else:
             k = -2 - k
-    elif after.straight and not same_colour(sample, surfaces[k].first):
-        after.varied = True
-    if after.straight:
-        after.straight = not off_line(after.place, after.along, place, k == 0)
-    after.shaded = after.shaded or not same_light(sample, surfaces[k].first)
+    elif edge[0].straight and not same_colour(sample, surfaces[k].first):
+        edge[0].varied = True
+    if edge[0].straight:
+        edge[0].straight = not off_line(edge[0].place, edge[0].along, place, k == 0)
+    edge[0].shaded = edge[0].shaded or not same_light(sample, surfaces[k].first)
     add_to_surface(surfaces, k, sample, coats)
-    return after, known
+    return known
 
 
 def make_sample_primary(
@@ -187,33 +186,33 @@ def make_sample_primary(
         nearest: int,
         row: int,
         before: Seen,
+        edge: wp.array[Edge],
         surfaces: wp.array[SeenSurface],
-    ) -> tuple[Edge, Footprint, int]:
-        """Return what the corners, or the rays ``before``, tell of the edge, and the number of surfaces so far."""
+    ) -> tuple[Footprint, int]:
+        """Find what the corners, or the rays ``before``, tell of the edge; return the number of surfaces so far too."""
         number = int(0)
         footprint = Footprint()
-        edge = Edge()
-        edge.plain = True
-        edge.by_colour = True
-        edge.side = 4
+        edge[0].plain = True
+        edge[0].by_colour = True
+        edge[0].side = 4
         if wp.static(edges):
             if primary_rays.steps > 0 and corner < 0 and not before.counted:
-                edge = judge_corners(
+                edge[0] = judge_corners(
                     scene, settings, primary_rays.pixel, camera.smallest_m[instant], corners, nearest, row
                 )
-                if edge.flat:
+                if edge[0].flat:
                     footprint = footprint_of(corners, nearest, row, primary_rays.pixel)
-                if edge.plain or edge.flat:
+                if edge[0].plain or edge[0].flat:
                     number = begin_surface(surfaces, number, corners[nearest])
-                if edge.straight:
-                    edge = next_side(edge, 0, primary_rays.steps)
+                if edge[0].straight:
+                    edge[0] = next_side(edge[0], 0, primary_rays.steps)
         if before.counted:
-            edge.plain = False
-            edge.by_colour = before.by_colour
-            edge.rays = before.rays - before.inside
+            edge[0].plain = False
+            edge[0].by_colour = before.by_colour
+            edge[0].rays = before.rays - before.inside
             number = before.surfaces
             resume_surfaces(surfaces, number)
-        return edge, footprint, number
+        return footprint, number
 
     @wp.func(inline=True)
     def finish(
@@ -224,7 +223,7 @@ def make_sample_primary(
         corners: wp.array[Sample],
         nearest: int,
         row: int,
-        edge: Edge,
+        edge: wp.array[Edge],
         footprint: Footprint,
         inside: int,
         number: int,
@@ -235,13 +234,13 @@ def make_sample_primary(
         surfaces: wp.array[SeenSurface],
     ) -> Seen:
         """Give the surfaces their shares, and what is known of them without rays."""
-        finish_surfaces(surfaces, number, edge.straight, edge.area, wp.static(coats))
+        finish_surfaces(surfaces, number, edge[0].straight, edge[0].area, wp.static(coats))
         # Where no ray was inside, the corners tell all.
-        if (edge.plain or edge.flat) and primary_rays.steps > 0 and corner < 0:
+        if (edge[0].plain or edge[0].flat) and primary_rays.steps > 0 and corner < 0:
             if inside == 0 or wp.static(light_surfaces is not None):
                 centre_surface(surfaces, corners, nearest, row, wp.static(coats))
         if wp.static(edges and mean_albedo is not None):
-            if edge.flat:
+            if edge[0].flat:
                 paint(scene, surfaces, corners[nearest], footprint, primary_rays.texels)
         seen = Seen()
         if wp.static(records):
@@ -252,18 +251,18 @@ def make_sample_primary(
                 surfaces[0].lamp_lit = wp.clamp(lit, 0.0, most)
             elif inside <= MOST_TOLD:
                 seen.shadow = shadow
-                seen.shadow.rays = wp.where(edge.shaded, inside, 0)
+                seen.shadow.rays = wp.where(edge[0].shaded, inside, 0)
                 seen.shadow.lamp_all = surfaces[0].lamp_all
                 seen.shadow.lamp_lit = surfaces[0].lamp_lit
-                if not edge.shaded:
+                if not edge[0].shaded:
                     seen.shadow.lit_rays = wp.uint64(wp.where(surfaces[0].lamp_lit > 0.0, 1, 0))
         if wp.static(light_surfaces is not None):
             light_surfaces(scene.lights, scene.geometry, scene.materials, surfaces, number, float(instant))
         seen.surfaces = number
-        seen.rays = edge.rays + inside
+        seen.rays = edge[0].rays + inside
         seen.inside = inside
-        seen.by_colour = edge.by_colour
-        seen.counted = number > 1 and not edge.straight
+        seen.by_colour = edge[0].by_colour
+        seen.counted = number > 1 and not edge[0].straight
         return seen
 
     # Inlined too: a function of its own would copy the scene for each pixel.
@@ -285,8 +284,10 @@ def make_sample_primary(
         surfaces: wp.array[SeenSurface],
     ) -> Seen:
         stream = sampling.Stream()
-        edge, footprint, number = begin(
-            scene, camera, settings, instant, primary_rays, corner, corners, nearest, row, before, surfaces
+        # In memory of its own, and changed there: a struct that is assigned anew in a branch is copied for each ray.
+        edge = wp.zeros(shape=1, dtype=Edge)
+        footprint, number = begin(
+            scene, camera, settings, instant, primary_rays, corner, corners, nearest, row, before, edge, surfaces
         )
         inside = int(before.inside)
         # Where it is told, only rays are traced that differ between the frames around; they find so much more light.
@@ -295,13 +296,13 @@ def make_sample_primary(
         more_light = float(0.0)
         shadow = Shadow()
         if wp.static(records):
-            if edge.alone and (edge.plain or edge.flat):
+            if edge[0].alone and (edge[0].plain or edge[0].flat):
                 shadow.triangle = corners[nearest].triangle
-                told = edge.shaded and are_told(shadows, shadow.triangle)
+                told = edge[0].shaded and are_told(shadows, shadow.triangle)
         # One place where rays are traced, whatever they are for: the tracer is compiled into each such place again.
         while True:
             at = int(pixel)
-            places = edge.side < 4
+            places = edge[0].side < 4
             place = wp.vec2()
             if wp.static(edges):
                 if corner >= 0:
@@ -312,14 +313,14 @@ def make_sample_primary(
                 elif places:
                     stream.key = sampling.stream_key(sampling.absorb(state, _CORNER))
                     stream.scrambling = stream.key
-                    place = on_side(edge, edge.low + edge.step)
+                    place = on_side(edge[0], edge[0].low + edge[0].step)
             if corner < 0 and not places:
                 if wp.static(records):
-                    if told and (edge.whole or inside >= primary_rays.inside):
+                    if told and (edge[0].whole or inside >= primary_rays.inside):
                         differs = next_that_differs(shadows, inside)
                         skipped = skipped + differs - inside
                         inside = differs
-                if inside >= wp.where(told, shadows.before.rays, wanted_inside(edge, primary_rays)):
+                if inside >= wp.where(told, shadows.before.rays, wanted_inside(edge[0], primary_rays)):
                     break
                 if wp.static(sobol):
                     stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
@@ -332,13 +333,13 @@ def make_sample_primary(
                     to_lamps = _rim_of(corner, settings.width)
             # Rays inside a pixel that shows many surfaces share its area, and so the textures in it.
             width = primary_rays.pixel / wp.sqrt(float(primary_rays.most))
-            if corner >= 0 or places or edge.flat:
+            if corner >= 0 or places or edge[0].flat:
                 width = wp.vec2()
             # Where all is known but the shadow, the corners tell where on their triangle it is asked for.
             on_triangle = bool(False)
             if wp.static(shadow_ray is not None):
-                if corner < 0 and not places and edge.shaded and edge.alone and (edge.plain or edge.flat):
-                    on_triangle = edge.whole or inside >= primary_in_shadow(primary_rays)
+                if corner < 0 and not places and edge[0].shaded and edge[0].alone and (edge[0].plain or edge[0].flat):
+                    on_triangle = edge[0].whole or inside >= primary_in_shadow(primary_rays)
             sample = shoot_at(scene, camera, settings, at, place, instant, stream, width, not on_triangle)
             if wp.static(shadow_ray is not None):
                 start = start_at(sample)
@@ -353,10 +354,10 @@ def make_sample_primary(
                     corners[nearest] = sample
                     break
             if places:
-                edge = narrow(edge, sample, corners, nearest, primary_rays.pixel, primary_rays.steps)
-                if edge.side >= 4 and edge.straight:
+                edge[0] = narrow(edge[0], sample, corners, nearest, primary_rays.pixel, primary_rays.steps)
+                if edge[0].side >= 4 and edge[0].straight:
                     number = begin_surface(surfaces, number, corners[nearest])
-                    number = begin_surface(surfaces, number, corners[edge.second])
+                    number = begin_surface(surfaces, number, corners[edge[0].second])
             else:
                 if wp.static(records):
                     if not on_triangle and sample.triangle != shadow.triangle:
@@ -377,7 +378,7 @@ def make_sample_primary(
                         surfaces[0].lamp_all += sample.lamp_all
                         surfaces[0].lamp_lit += sample.lamp_lit
                 elif is_sound(sample) and not told:
-                    edge, number = _take_in(
+                    number = _take_in(
                         surfaces, number, edge, sample, place, footprint, corners[nearest], primary_rays.pixel, coats
                     )
         seen = finish(
