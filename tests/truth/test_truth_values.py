@@ -167,7 +167,7 @@ def test_all_pictures_of_a_recording_have_one_exposure() -> None:
         seen = frame(3 * index, index)
         seen.planes[...] = gain
         recorder.record(seen, np.zeros(0, EVENT_DTYPE))
-    # The first's 95th percentile is shown as 0.8 (docs/truth.md); IEC 61966-2-1 of 0.8 and 0.4.
+    # The first's 95th percentile is shown as 0.8 (docs/ground-truth.md); IEC 61966-2-1 of 0.8 and 0.4.
     assert [int(shot.planes["image"].max()) for shot in notes.shots] == [231, 170, 170]
 
 
