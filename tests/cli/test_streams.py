@@ -5,10 +5,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
+from rosbags.highlevel import AnyReader
 
 from clsim.events import EVENT_DTYPE
 from clsim.events.files import open_sink
@@ -91,3 +93,25 @@ def test_a_byte_order_mark_does_no_harm(tmp_path: Path) -> None:
     assert read_text(tmp_path / "a.txt", 1 << 20, "text") == pose
     assert read_times_us(tmp_path / "a.txt", "s") == [0, 1_000_000]
     assert read_tum(tmp_path / "a.txt") is not None
+
+
+@pytest.mark.parametrize("encoding", ["array", "evt3"])
+def test_messages_of_a_bag_are_of_the_kind_asked_for(
+    clsim: Callable[..., Any], tmp_path: Path, recording: Path, encoding: str
+) -> None:
+    bag = tmp_path / "a.mcap"
+    assert clsim("convert", recording, bag, "--ros-events", encoding).status == 0
+    kinds = {"array": "dvs_msgs/msg/EventArray", "evt3": "event_camera_msgs/msg/EventPacket"}
+    with AnyReader([bag]) as reader:
+        assert kinds[encoding] in {each.msgtype for each in reader.connections}
+
+
+def test_a_film_is_as_slow_as_asked_for(clsim: Callable[..., Any], tmp_path: Path) -> None:
+    """A second of events, ten times slower, lasts ten seconds."""
+    sink = open_sink(tmp_path / "a.npz", 4, 3)
+    sink.write(np.array([(t, 1, 1, 1) for t in range(0, 1_000_001, 100_000)], EVENT_DTYPE), 1_000_000)
+    sink.close()
+    for speed, pictures in ((1, 6), (0.1, 51)):
+        how = "--to", tmp_path / "a.gif", "--video-fps", 5, "--speed", speed
+        outcome = clsim("view", tmp_path / "a.npz", *how)
+        assert outcome.status == 0 and f"{pictures} pictures" in outcome.stderr

@@ -66,6 +66,8 @@ def test_sequences_outside_the_limits_are_told_with_reasons(tmp_path):
     assert not done.kept
     assert len(done.rejected) == 2
     assert "nearest_m is" in done.rejected[0] and "expected at least 1000" in done.rejected[0]
+    told = make(replace(spec, count=1), tmp_path / "whole")
+    assert (told.rejected, told.new) == (1, 0), "what was rejected is not new"
     folder = sequence_folder(tmp_path, 0)
     assert [each.name for each in folder.iterdir()] == ["job.json"]
     assert json.loads((folder / "job.json").read_text())["kept"] is False

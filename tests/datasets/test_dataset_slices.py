@@ -198,6 +198,15 @@ def test_shards_hold_the_same_slices(folder):
     assert set(samples[0]) >= {"events.h5", "json"}
 
 
+def test_workers_share_shards(folder):
+    write_shards(folder, "webdataset", size=1)
+    alone, first, second = (
+        [each["events"].tobytes() for each in Slices(folder / "shards", split="train", worker=worker, workers=workers)]
+        for worker, workers in ((0, 1), (0, 2), (1, 2))
+    )
+    assert first and second and sorted(first + second) == sorted(alone)
+
+
 def test_shards_are_no_larger_than_asked_for(folder):
     held = sum(sum(size for size, _ in done.files.values()) for done in scan(folder) if done.split == "train")
     for size, count in ((held, 1), (held - 1, 2)):
