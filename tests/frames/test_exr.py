@@ -218,6 +218,14 @@ def test_blender_4_multilayer(tmp_path, albedo):
     check_blender(*read_one(tmp_path), passes, albedo)
 
 
+def test_of_blenders_albedos_that_of_its_denoiser_is_taken(tmp_path):
+    """It has what shines through glass and is seen in mirrors; the diffuse colour alone is black there."""
+    passes = blender("Denoising Albedo") | {"DiffCol": blender("DiffCol")["DiffCol"]}
+    flat = {f"ViewLayer.{name}.{c}": v for name, group in passes.items() for c, v in group.items()}
+    write(tmp_path / "0001.exr", flat)
+    check_blender(*read_one(tmp_path), passes, "Denoising Albedo")
+
+
 @pytest.mark.parametrize("style", ["part", "pass", "full", "short part"])
 def test_blender_5_multipart(tmp_path, style):
     """Whether the channels repeat the part's name or not."""

@@ -204,6 +204,15 @@ def test_bins_of_an_overview_are_a_histogram(step: int) -> None:
         assert told[name] == np.histogram(events["t"], edges)[0].tolist()
 
 
+@pytest.mark.parametrize("bins", [OVERVIEW_BINS - 1, OVERVIEW_BINS, OVERVIEW_BINS + 1])
+def test_an_overview_has_room_for_an_event_that_begins_its_last_bin(bins: int) -> None:
+    overview = Overview()
+    events = EVENTS[:2].copy()
+    events["t"], events["on"] = (0, bins * overview.bin_us), True
+    overview.add(events)
+    assert sum(overview.as_dict()["on"]) == 2
+
+
 def test_a_damaged_recording_is_told(recording: Path) -> None:
     data = bytearray(recording.read_bytes())
     middle = len(data) // 2
