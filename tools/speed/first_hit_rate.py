@@ -88,12 +88,12 @@ def measure(scene: str, quality: Any, width: int, height: int, frames: int) -> d
     return {
         "rays": statistics.median(rays[2:]) / pixels,
         "us": statistics.median(seconds[2:]) / pixels * 1e6,
-        "search": pixels / cpu_seconds(search(stages.world)) / 1e6,
+        "search": pixels / cpu_seconds(search_of(stages.world)[0]) / 1e6,
     }
 
 
-def search(world: Any) -> Callable[[], None]:
-    """Return a search of one ray a pixel."""
+def search_of(world: Any) -> tuple[Callable[[], None], Any, Any, Any]:
+    """Return a search of one ray a pixel, their origins and directions ``[pixels, 3]``, and the distances it finds."""
     import warp as wp
 
     from clsim.bench.throughput.rays import aim, build_searches
@@ -115,7 +115,7 @@ def search(world: Any) -> Callable[[], None]:
         """Search; it holds the scene that is searched."""
         launch.launch()
 
-    return again
+    return again, origins.numpy(), directions.numpy(), out[0].numpy()
 
 
 def cpu_seconds(work: Callable[[], None]) -> float:
