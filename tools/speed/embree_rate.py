@@ -3,7 +3,8 @@
 python -m tools.speed.embree_rate [SCENE ...] [--resolution 346x260] [--rounds 5]
 
 Needs the wheel ``embreex`` for Embree itself, and a C compiler for the loop that calls it. One thread; both search the
-same triangles, as they are at time 0, for the same rays, in turn; figures are medians. A packet is 16 neighbours of a row.
+same triangles, as they are at time 0, for the same rays, in turn; figures are medians.
+A packet is 16 neighbours of a row.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from tools.speed.first_hit_rate import search_of
 LOOPS = r"""
 #include <stddef.h>
 #include <string.h>
-typedef struct __attribute__((aligned(16))) { float o[3], near, d[3], time, far; unsigned mask, id, flags, hit[12]; } Ray;
+typedef struct __attribute__((aligned(16))) { float o[3], near, d[3], time, far;
+  unsigned mask, id, flags, hit[12]; } Ray;
 typedef struct __attribute__((aligned(64))) { float o[3][16], near[16], d[3][16], time[16], far[16];
   unsigned mask[16], id[16], flags[16], hit[12][16]; } Rays;
 void *rtcNewDevice(const char *), *rtcNewScene(void *), *rtcNewGeometry(void *, int);
