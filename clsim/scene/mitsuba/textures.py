@@ -18,7 +18,8 @@ from clsim.scene.pictures.images import (
     PixelBudget,
     decode_srgb,
     encode_srgb8,
-    read_linear,
+    is_linear,
+    read_light,
     read_texture,
     roughness_pixels,
 )
@@ -43,6 +44,7 @@ class TextureReader:
         self._folder, self._warn = folder, warn
         self._indices: dict[tuple[object, ...], int] = {}
         self._pixels: dict[tuple[object, bool], U8] = {}
+        self._lights: dict[object, tuple[U8, float]] = {}
         self._budget = PixelBudget()
 
     def color(
@@ -75,8 +77,10 @@ class TextureReader:
             most = max(1.0, *colors[0], *colors[1])
         elif plugin.type == "bitmap":
             path = file_of(plugin.place, plugin.get("filename", ""), self._folder)
-            if path.suffix.lower() in (".exr", ".hdr"):
-                most = max(1.0, float(read_linear(path, PixelBudget()).max()))
+            if is_linear(path):
+                if path not in self._lights:
+                    self._lights[path] = read_light(path, self._budget)
+                most = self._lights[path][1]
         return (most, most, most), self.index(plugin, most=most)
 
     def mean(self, index: int) -> Vec3:
@@ -152,8 +156,7 @@ class TextureReader:
     def _image(self, path: Any, most: float, *, linear: bool, as_opacity: bool) -> U8:
         """Return an image, read once; as opacity, its luminance stands in the alpha channel."""
         if most != 1.0:
-            codes = encode_srgb8(read_linear(path, self._budget) / most)
-            return np.concatenate([codes, np.full((*codes.shape[:2], 1), 255, np.uint8)], axis=2)
+            return self._lights[path][0]
         if (path, linear) not in self._pixels:
             self._pixels[path, linear] = read_texture(path, self._budget, srgb=not linear)
         pixels = self._pixels[path, linear]

@@ -87,12 +87,32 @@ def read_texture(path: Path, budget: PixelBudget, *, srgb: bool = True) -> U8:
     Raises:
         InputError: if it is missing, damaged or too large.
     """
-    if path.suffix.lower() in (".exr", ".hdr"):
+    if is_linear(path):
         linear = read_linear(path, budget)
-        alpha = np.full((*linear.shape[:2], 1), 255, np.uint8)
-        codes = encode_srgb8(linear) if srgb else np.clip(linear * 255.0 + 0.5, 0, 255).astype(np.uint8)
-        return np.concatenate([codes, alpha], axis=2)
+        return _opaque(encode_srgb8(linear) if srgb else np.clip(linear * 255.0 + 0.5, 0, 255).astype(np.uint8))
     return decode_rgba(str(path), _bytes(path), budget)
+
+
+def read_light(path: Path, budget: PixelBudget) -> tuple[U8, float]:
+    """Read OpenEXR or Radiance HDR as the picture of a light: uint8 RGBA with sRGB's curve, and a factor on its light.
+
+    The picture ends at 1, so the factor is the file's largest number, and at least 1.
+
+    Raises:
+        InputError: if it is missing, damaged or too large.
+    """
+    linear = read_linear(path, budget)
+    most = max(1.0, float(linear.max()))
+    return _opaque(encode_srgb8(linear / most)), most
+
+
+def is_linear(path: Path | str) -> bool:
+    """Tell whether a file of that name holds light itself, without sRGB's curve: OpenEXR and Radiance HDR."""
+    return Path(path).suffix.lower() in (".exr", ".hdr")
+
+
+def _opaque(codes: U8) -> U8:
+    return np.concatenate([codes, np.full((*codes.shape[:2], 1), 255, np.uint8)], axis=2)
 
 
 def read_linear(path: Path, budget: PixelBudget) -> F32:

@@ -33,7 +33,8 @@ from clsim.scene.motion import (
     rotation_matrix,
 )
 from clsim.scene.parts import Parts, with_textures_from
-from clsim.scene.pictures.images import PixelBudget, read_linear, read_texture
+from clsim.scene.pictures.film import Film
+from clsim.scene.pictures.images import U8, PixelBudget, is_linear, read_light, read_linear, read_texture
 from clsim.scene.rigid import Facing
 from clsim.scene.toml.light import read_daylight, read_film, read_modulation
 from clsim.scene.trajectories.paths import read_path
@@ -183,12 +184,13 @@ class _Builder:
             if table.metal not in METALS:
                 raise InputError(f"metal is {table.metal!r}, expected one of {', '.join(METALS)}")
             eta, k = METALS[table.metal]
+        emission_texture, brightest = self._light(table.emission_texture)
         return Material(
             kind=table.kind,
             color=color,
             texture=texture,
-            emission=table.emission,
-            emission_texture=self._image(table.emission_texture, srgb=True),
+            emission=_times(table.emission, brightest),
+            emission_texture=emission_texture,
             modulation=read_modulation(table.modulation),
             emits_behind=table.emits_behind,
             back=table.back,
@@ -226,10 +228,19 @@ class _Builder:
         film = read_film(table, self.folder, self.budget)
         # A table that is no film has a file: the check of the whole TOML says so.
         pixels = film.first if film else read_texture(named_file(str(table.file), self.folder), self.budget, srgb=srgb)
+        return self._add(table, pixels, film, srgb=srgb)
+
+    def _light(self, table: schema.ImageTable | None) -> tuple[int, float]:
+        """Return the index of a light's picture, and what the light is to be multiplied by."""
+        if table is None or table.file is None or not is_linear(table.file):
+            return self._image(table, srgb=True), 1.0
+        pixels, brightest = read_light(named_file(table.file, self.folder), self.budget)
+        return self._add(table, pixels, None, srgb=True), brightest
+
+    def _add(self, table: schema.ImageTable, pixels: U8, film: Film | None, *, srgb: bool) -> int:
         (u, v), wrap = table.repeats, table.wrap
         matrix = ((u, 0.0, 0.0), (0.0, v, 0.0))
-        image = ImageTexture(pixels, srgb, wrap, wrap, table.nearest, matrix, film)
-        self.textures.append(image)
+        self.textures.append(ImageTexture(pixels, srgb, wrap, wrap, table.nearest, matrix, film))
         return len(self.textures) - 1
 
     def add_light(self, table: schema.LightTable) -> None:
@@ -241,7 +252,9 @@ class _Builder:
         )
         if table.picture is not None:
             size = math.tan(math.radians(min(table.outer_deg, MAX_PICTURE_DEG)))
-            light = replace(light, picture=self._image(table.picture, srgb=True), picture_size=(size, size))
+            picture, brightest = self._light(table.picture)
+            intensity = _times(light.intensity, brightest)
+            light = replace(light, picture=picture, picture_size=(size, size), intensity=intensity)
         self.punctual_lights.append(light)
 
     def environment_map(self, table: schema.EnvironmentTable) -> EnvironmentMap | None:
@@ -324,6 +337,10 @@ def _read_parts(path: Path) -> Parts:
     from clsim.scene.meshes.trimesh_scene import load_parts
 
     return load_parts(path)
+
+
+def _times(color: Vec3, factor: float) -> Vec3:
+    return color[0] * factor, color[1] * factor, color[2] * factor
 
 
 def _scale(table: schema.ObjectTable) -> Vec3:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from pxr import UsdGeom, UsdShade
 
-from clsim.scene.pictures.images import decode_srgb
 from clsim.scene.usd.light_tracks import brightest
 from clsim.scene.usd.stage import Stage
 from clsim.scene.usd.surfaces import LUMENS_PER_WATT, SurfaceModel, surface_of
@@ -132,7 +131,7 @@ class MaterialReader:
             ior=min(max(numbers["ior"], 1.0), 10.0),
             clearcoat=_share(numbers["clearcoat"]),
             clearcoat_alpha=_share(numbers["clearcoatRoughness"]) ** 2,
-            normal_texture=self._normals(told["normal"]),
+            normal_texture=self._reader.normals(told["normal"]),
             specular_color=(_share(numbers["specularWeight"]),) * 3,
             transmission=_share(numbers["transmission"]),
             name=name,
@@ -166,17 +165,6 @@ class MaterialReader:
         # One picture stands for both, as if the coat covered all.
         return coat, base.color(white)
 
-    def _normals(self, told: Told) -> int:
-        """Return the index of a normal map: bytes from 0 to 255 stand for −1 to 1, as its scale and bias say."""
-        if told.image is None:
-            return -1
-        plain = replace(told.image, srgb=False)
-        if str(told.key[0]).lower().endswith((".exr", ".hdr")):  # which are held with sRGB's curve
-            light = decode_srgb(np.arange(256) / 255.0)
-            codes = (light * 255.0 + 0.5).astype(np.uint8)
-            plain = replace(plain, pixels=codes[plain.pixels])
-        return self._reader.add((*told.key, "normal"), lambda: plain)
-
     def _specular(self, material: Material, told: Told) -> Material:
         """Return it with that reflectance at right angles, and white at grazing ones."""
         if told.image is not None:
@@ -194,7 +182,7 @@ class MaterialReader:
         weight = self._mean(told_weight, model.names.get("emissionWeight", ""), model.emission, material.name)
         weight = max(weight, 0.0) / (LUMENS_PER_WATT if model.nits else 1.0)
         if told.image is not None:
-            index, factor = self._reader.colors(told)
+            index, factor = self._reader.lights(told)
             return replace(material, emission=_times(factor, weight), emission_texture=index if weight else -1)
         colors = [(told.attribute, lambda value: _times(replace(told, value=value).color(model.emissive), weight))]
         emission, change = brightest(self._stage, colors, repeat=self._repeat)

@@ -14,7 +14,16 @@ import numpy.typing as npt
 from pxr import UsdShade
 
 from clsim.errors import InputError
-from clsim.scene.pictures.images import U8, PixelBudget, decode_rgba, decode_srgb, encode_srgb8, read_texture
+from clsim.scene.pictures.images import (
+    U8,
+    PixelBudget,
+    decode_rgba,
+    decode_srgb,
+    encode_srgb8,
+    is_linear,
+    read_light,
+    read_texture,
+)
 from clsim.scene.usd.stage import Stage
 from clsim.scene.world import ImageTexture, Texture, Vec3, Wrap
 
@@ -148,6 +157,24 @@ class TextureReader:
         r, g, b = (max(factor, 0.0) for factor in told.scale[:3])
         return self.add(told.key, lambda: image), (r, g, b)
 
+    def lights(self, told: Told) -> tuple[int, Vec3]:
+        """Return what `colors` returns, for a picture of light, which may exceed 1."""
+        if told.image is None or any(told.bias[:3]) or not is_linear(told.key[0]):
+            return self.colors(told)
+        pixels, most = read_light(Path(told.key[0]), self._budget)
+        image = replace(told.image, pixels=pixels)
+        index, (r, g, b) = self.colors(replace(told, image=image, key=(*told.key, "light")))
+        return index, (r * most, g * most, b * most)
+
+    def normals(self, told: Told) -> int:
+        """Return the index of a normal map, −1 for none: bytes from 0 to 255 stand for −1 to 1."""
+        if told.image is None:
+            return -1
+        plain = replace(told.image, srgb=False)
+        if is_linear(told.key[0]):
+            plain = replace(plain, pixels=read_texture(Path(told.key[0]), self._budget, srgb=False))
+        return self.add((*told.key, "normal"), lambda: plain)
+
     def _texture(self, shader: Any, output: str) -> Told:
         name = shader.GetPath()
         file = shader.GetInput("file")
@@ -237,7 +264,7 @@ class TextureReader:
 
 def _is_encoded(space: str, name: str, file: Path | bytes) -> bool:
     """Tell whether a picture, as we hold it, has sRGB's curve; ``auto`` is so for those of 8 bits with colours."""
-    if Path(name).suffix.lower() in (".exr", ".hdr"):
+    if is_linear(name):
         return True
     if space != "auto":
         return space == "sRGB"

@@ -77,11 +77,7 @@ def test_maps_of_data_are_not_encoded(tmp_path, ending, text, inside, use):
     np.testing.assert_allclose(texture.pixels[..., :3], CODES, atol=1)
 
 
-def test_normals_of_usd_are_not_encoded(tmp_path):
-    pytest.importorskip("pxr", reason="usd-core is not installed")
-    write(tmp_path / "a.exr")
-    path = tmp_path / "scene.usda"
-    path.write_text("""#usda 1.0
+USD = """#usda 1.0
 def Mesh "m" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
     int[] faceVertexCounts = [3]
@@ -93,20 +89,32 @@ def Material "look" {
     token outputs:surface.connect = </look/surface.outputs:surface>
     def Shader "surface" {
         uniform token info:id = "UsdPreviewSurface"
-        normal3f inputs:normal.connect = </look/picture.outputs:rgb>
+        @inside@.connect = </look/picture.outputs:rgb>
         token outputs:surface
     }
     def Shader "picture" {
         uniform token info:id = "UsdUVTexture"
         asset inputs:file = @a.exr@
+        float4 inputs:scale = (0.5, 1, 1, 1)
         token inputs:sourceColorSpace = "raw"
         float3 outputs:rgb
     }
 }
-""")
+"""
+
+
+def material_of(path, text):
+    """Write a scene of one mesh; return its world and its material."""
+    path.write_text(text)
     world = load_world(path)
-    texture = world.textures[world.materials[int(world.meshes[0].material_ids[0])].normal_texture]
-    np.testing.assert_allclose(texture.pixels[..., :3], CODES, atol=2)
+    return world, world.materials[int(world.meshes[0].material_ids[0])]
+
+
+def test_normals_of_usd_are_not_encoded(tmp_path):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    write(tmp_path / "a.exr")
+    world, material = material_of(tmp_path / "scene.usda", USD.replace("@inside@", "normal3f inputs:normal"))
+    np.testing.assert_array_equal(world.textures[material.normal_texture].pixels[..., :3], (VALUES * 255 + 0.5) // 1)
 
 
 AREA = '<emitter type="area">{texture}</emitter>'
@@ -114,23 +122,50 @@ SQUARES = """<texture type="checkerboard" name="radiance"><rgb name="color0" val
   <rgb name="color1" value="0.5"/></texture>"""
 
 
-def glow(tmp_path, texture):
-    (tmp_path / "scene.xml").write_text(MITSUBA.format(inside=AREA.format(texture=texture)))
-    world = load_world(tmp_path / "scene.xml")
-    material = world.materials[int(world.meshes[0].material_ids[0])]
+def glow(path, text):
+    """Return the light of a mesh's picture."""
+    world, material = material_of(path, text)
     texture = world.textures[material.emission_texture]
     assert texture.srgb
     return decode_srgb(texture.pixels[..., :3] / 255) * material.emission
 
 
+def mitsuba(tmp_path, texture):
+    return glow(tmp_path / "scene.xml", MITSUBA.format(inside=AREA.format(texture=texture)))
+
+
 def test_textures_of_light_may_be_brighter_than_1(tmp_path):
     write(tmp_path / "a.exr", VALUES * 40)
-    found = glow(tmp_path, BITMAP.format(name="radiance", more=""))
+    found = mitsuba(tmp_path, BITMAP.format(name="radiance", more=""))
     np.testing.assert_allclose(found, VALUES * 40, atol=0.3)
-    np.testing.assert_allclose(glow(tmp_path, SQUARES)[0], [(3, 30, 0), (0.5, 0.5, 0.5)], atol=0.25)
+    np.testing.assert_allclose(mitsuba(tmp_path, SQUARES)[0], [(3, 30, 0), (0.5, 0.5, 0.5)], atol=0.25)
+    told = 'emission = [2.0, 1.0, 1.0]\nemission_texture = { file = "a.exr" }'
+    found = glow(tmp_path / "scene.toml", TOML.format(inside=told))
+    np.testing.assert_allclose(found, VALUES * 40 * (2, 1, 1), atol=0.6)
+
+
+def test_textures_of_light_in_usd_may_be_brighter_than_1(tmp_path):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    write(tmp_path / "a.exr", VALUES * 40)
+    found = glow(tmp_path / "scene.usda", USD.replace("@inside@", "color3f inputs:emissiveColor"))
+    np.testing.assert_allclose(found, VALUES * 40 * (0.5, 1, 1), atol=0.3)
+
+
+def test_a_projected_picture_may_be_brighter_than_1(tmp_path):
+    write(tmp_path / "a.exr", VALUES * 40)
+    spot = '[[lights]]\nkind = "spot"\nintensity = [2.0, 1.0, 1.0]\npicture = { file = "a.exr" }\n'
+    (tmp_path / "scene.toml").write_text(TOML.format(inside="") + spot)
+    world = load_world(tmp_path / "scene.toml")
+    light = world.punctual_lights[0]
+    pixels = world.textures[light.picture].pixels[..., :3]
+    np.testing.assert_allclose(decode_srgb(pixels / 255) * light.intensity, VALUES * 40 * (2, 1, 1), atol=0.6)
 
 
 def test_textures_of_dim_light_are_as_they_were(tmp_path):
     PIL.Image.fromarray(np.full((2, 2, 3), 188, np.uint8)).save(tmp_path / "a.png")
-    found = glow(tmp_path, BITMAP.format(name="radiance", more="").replace("exr", "png"))
+    found = mitsuba(tmp_path, BITMAP.format(name="radiance", more="").replace("exr", "png"))
     np.testing.assert_allclose(found, decode_srgb(188 / 255), atol=1e-6)
+    found = glow(
+        tmp_path / "scene.toml", TOML.format(inside='emission = [3, 3, 3]\nemission_texture = { file = "a.png" }')
+    )
+    np.testing.assert_allclose(found, 3 * decode_srgb(188 / 255), atol=1e-6)
