@@ -49,3 +49,16 @@ def _contents(thing: Any, left_out: frozenset[str], seen: dict[int, Any]) -> Any
     if inspect.isfunction(thing):
         return thing.__qualname__, _contents(dict(inspect.getclosurevars(thing).nonlocals), left_out, seen)
     return kind, tuple((name, _contents(held[name], left_out, seen)) for name in sorted(held) if name not in left_out)
+
+
+def differing(one: Any, other: Any, path: str = "") -> list[str]:
+    """Return where two contents differ, and in what."""
+    if one == other:
+        return []
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        named = bool(one) and isinstance(one[0], str) and one[0] == other[0]
+        inner = [
+            differing(*both, f"{path}.{one[0] if named else k}") for k, both in enumerate(zip(one, other, strict=True))
+        ]
+        return [place for places in inner for place in places]
+    return [f"{path}: {one!r:.80} and {other!r:.80}"]

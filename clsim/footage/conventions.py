@@ -35,3 +35,5 @@ CONVENTIONS: dict[Convention, Settings] = {
     "openeb": Settings("as-is", 1e-7, {"method": "esim", "luminance": "rec601", "floor": 1e-8}),
 }
 """Thresholds are 0.2 in all of them, and noise is left out."""
+CONVENTIONAL = frozenset(("floor", *(name for settings in CONVENTIONS.values() for name in settings.detector)))
+"""Options of the detector that a convention chooses; the floor follows from what is taken for light."""

@@ -173,6 +173,7 @@ def _open(given: Mapping[str, Any]) -> Session:
 def _repeat(config: Path, given: Mapping[str, Any]) -> Session:
     """Return the session of a sidecar's options; what is ``given`` to `detect` wins."""
     from clsim.events.outputs import FileOptions
+    from clsim.footage.conventions import CONVENTIONAL
     from clsim.live.footage import FootageOptions, open_footage_session
     from clsim.live.recording_options import RecordingOptions
     from clsim.live.session import open_recording
@@ -199,8 +200,13 @@ def _repeat(config: Path, given: Mapping[str, Any]) -> Session:
             seen_by = replace(recording.seen_by, **eye)
             detector = replace(recording.config, **chosen)
             return open_recording(replace(recording, **run, config=detector, seen_by=seen_by))
-        footage = from_plain(FootageOptions, plain)
         found = json.loads(config.read_text(encoding="utf-8-sig")).get("detector", {})
+        if given["like"] is not None:  # whose settings the others are
+            found = {name: value for name, value in found.items() if name not in CONVENTIONAL}
+            plain.pop("transfer", None)
+        for one, other in (("fps", "times"), ("times", "fps")):  # two ways to say one thing
+            plain = {name: value for name, value in plain.items() if one not in run or name != other}
+        footage = from_plain(FootageOptions, plain)
         return open_footage_session(replace(footage, **run, seen_by=replace(footage.seen_by, **eye)), found | chosen)
     except TypeError as error:
         raise InputError(f"--config {config}: {error}") from None
