@@ -31,7 +31,7 @@ from clsim.bench.tradeoff.summary import summarise, turned_knobs
 from clsim.detect.config import DetectorConfig
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
-from clsim.scene import load_world
+from clsim.scene import Sensor, load_world
 
 _few = st.integers(0, 5).map(float)
 
@@ -258,3 +258,10 @@ def test_the_quickest_of_the_later_passes_counts_with_the_events_of_the_first(mo
     run = measure.run_point(world, RenderOptions(), DetectorConfig(), choose_device(), lambda: None)
     assert len(found) == 4 and run.events.tolist() == [0, 0, 0]
     assert (run.rendering.cpu_s, run.detecting.cpu_s) == (0.1, 0.3)
+
+
+def test_a_detector_of_the_sweep_sees_as_the_scenes_sensor_does() -> None:
+    sensor = Sensor(threshold_on=0.3, threshold_off=0.4, scale=5.0, floor=0.6)
+    for point in quick_points(0):
+        config = point.detector.config(sensor)
+        assert (config.threshold_on, config.threshold_off, config.scale, config.floor) == (0.3, 0.4, 5.0, 0.6)

@@ -358,3 +358,15 @@ def test_fill_writes_into_the_given_memory(tmp_path):
         source.fill(0, Frame(np.zeros((1, H, W), np.float32), ("R",)))
     source.close()
     source.close()
+
+
+@pytest.mark.filterwarnings("error")
+def test_positions_beside_the_camera_do_not_hide_in_which_space_they_are(tmp_path):
+    """A hit at z = 0 has no direction through the picture: a wide lens has such, and pixels that meet an edge."""
+    position, depth = pbrt_positions("camera", np.eye(4))
+    position[:, 3, :2] = [[1.0, 2.0], [1.0, -1.0], [0.0, 0.0]]
+    channels = {name: plane() for name in ("R", "G", "B", "dzdx")}
+    write(tmp_path / "f.exr", channels | {f"P.{axis}": p for axis, p in zip("XYZ", position, strict=True)})
+    _, frame = read_one(tmp_path / "f.exr")
+    assert frame.plane("Depth")[3, :2] == pytest.approx([np.sqrt(2), np.sqrt(5)], rel=1e-4)
+    np.testing.assert_allclose(frame.plane("Depth")[4:], depth[4:], rtol=1e-4)

@@ -169,3 +169,12 @@ def test_light_that_cannot_be_is_refused(factors: tuple[tuple[float, float, floa
 
 def test_a_lamp_that_is_brighter_while_off_is_so_at_most() -> None:
     assert (Pwm(100.0, low=2.0).largest, Pwm(100.0, low=0.5).largest) == (2.0, 1.0)
+
+
+@pytest.mark.parametrize("step", [False, True])
+def test_repeated_keyframes_that_begin_late_hold_the_first_until_then_in_each_pass(step: bool) -> None:
+    light = Keyframed((0.1, 0.2, 0.4), ((1.0, 0.5, 0.0), (0.0, 0.0, 2.0), (0.0, 3.0, 0.0)), step=step, repeat=True)
+    for start_s, end_s in ((0.05, 0.95), (0.4, 1.2), (0.45, 0.47), (0.3, 0.45)):
+        middles_s = start_s + (end_s - start_s) * (np.arange(4000) + 0.5) / 4000
+        sampled = np.mean([light.mean(at_s, at_s) for at_s in middles_s.tolist()], axis=0)
+        assert light.mean(start_s, end_s) == pytest.approx(sampled, abs=2e-3)

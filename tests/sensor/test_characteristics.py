@@ -156,3 +156,11 @@ def test_cameras_lose_as_much_of_25_and_100_million_events_a_second_as_their_pag
     row = next(line for line in page.splitlines() if line.startswith(f"| `{name}` |") and "%:" in line)
     told = [float(share) / 100 for share in re.findall(r"([\d.]+) %", row)]
     assert told == pytest.approx([at_25_million, at_100_million], rel=0.06)
+
+
+@pytest.mark.parametrize(("on", "off"), [(0.1, 0.3), (0.3, 0.1)])
+def test_contrasts_go_to_twice_the_larger_threshold(on: float, off: float) -> None:
+    """So that where all pixels fire is in the picture, of ON and of OFF."""
+    shares = characteristics.step_responses(SensorSettings(threshold=Threshold(on, off, mismatch=0.01)))
+    assert shares.steps[-1] == pytest.approx(0.6) and shares.on[-1] == shares.off[-1] == 1.0
+    assert shares.on[shares.steps < on - 0.05].max() == shares.off[shares.steps < off - 0.05].max() == 0.0

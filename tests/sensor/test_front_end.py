@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from clsim.sensor import SensorSettings
+from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import FrontEnd, Refractory
 from tests.sensor.benchtop import Benchtop, intervals_us
 
@@ -123,3 +124,11 @@ def test_light_that_hardly_changes_costs_no_more_than_light_that_does_not():
     began = time.process_time()
     events = bench.along([10_000_000, 20_000_000], [0.1 + 1e-16, 0.1 - 1e-16])
     assert len(events) == 0 and time.process_time() - began < 1.0
+
+
+def test_parts_of_a_microsecond_of_a_rest_add_up() -> None:
+    """Light rises by a threshold in 0.2 µs: a pixel fires again so soon after each rest."""
+    lab = Lab(SensorSettings(refractory=Refractory(20.25)), 1)
+    lab.to(0, 0.0)
+    times_us = lab.to(1000, 1000.0).events["t"]
+    assert np.diff(times_us).mean() == pytest.approx(20.45, abs=0.05)

@@ -264,3 +264,13 @@ def test_what_an_object_lacked_at_a_snapshot_it_lacks_again() -> None:
     held._last, held.found_later = (3, np.zeros(2, np.float32)), 1  # type: ignore[attr-defined]
     snapshot.restore()
     assert vars(held) == {"_last": None}
+
+
+def test_no_light_is_left_where_the_only_lamp_is_put_out() -> None:
+    """Nothing moves but the camera, so that what is cached of the light would stay."""
+    with clsim.Simulator("cornell", resolution=(32, 24), fps=200.0, quality="draft") as run:
+        run.step(10_000)
+        assert run.frame().planes[:3].mean() > 0.1
+        run.set_light("lamp", (0.0, 0.0, 0.0))
+        run.step(15_000)
+        assert run.frame().planes[:3].max() == 0.0

@@ -280,3 +280,10 @@ def test_it_begins_and_falls_as_low_as_it_must_and_no_lower(share: float) -> Non
         fallen = next((k for k in range(10) if governor.observe(load * costs()[0])), None)
         fits = [k for k, cost in enumerate(costs()) if k > 0 and load * cost <= 0.8 * BUDGET_S * (1 + 1e-9)]
         assert fallen is not None and governor.level == min(fits, default=len(LEVELS) - 1)
+
+
+def test_however_late_a_run_is_frames_may_take_seven_tenths_of_their_time() -> None:
+    """A little less, where their average is about to be that: it need not fall as low as it can to catch up."""
+    for share, leaves in ((0.63, False), (0.66, True)):
+        governor = Governor([2.0, 1.0], BUDGET_S)
+        assert any(governor.observe(share * BUDGET_S, 1e6) for _ in range(50)) == leaves
