@@ -11,8 +11,8 @@ from clsim.datasets.toml import read_toml, to_toml
 from clsim.errors import InputError
 from clsim.scene.load import bundled_names
 
-_FILES = ("file", "map", "trajectory")
-"""Keys of a scene that name files, besides those of textures."""
+_FILES = ("file", "frames", "map", "trajectory", "camera_path", "imu_noise")
+"""Keys of a scene and of a run that name files, besides those of textures; ``base`` and ``sensor`` may."""
 
 
 def scene_text(drawn: Mapping[str, Any]) -> str:
@@ -32,13 +32,14 @@ def scene_text(drawn: Mapping[str, Any]) -> str:
 
 
 def whole_paths(value: Any, folder: Path, key: str = "") -> Any:
-    """Return a scene, or its template, with the files that it names relative to ``folder`` by whole paths."""
+    """Return a scene or a run, or its template, with the files that it names relative to ``folder`` by whole paths."""
     if isinstance(value, Mapping):
         # What a distribution chooses from is named by the key that it gives a value to.
         return {name: whole_paths(each, folder, key if name == "choice" else name) for name, each in value.items()}
     if isinstance(value, list):
         return [whole_paths(each, folder, key) for each in value]
     named = key in _FILES or key.endswith("texture") or (key == "base" and isinstance(value, str) and "." in value)
+    named = named or (key == "sensor" and isinstance(value, str) and value.endswith(".toml"))
     return str(folder / value) if isinstance(value, str) and named else value
 
 

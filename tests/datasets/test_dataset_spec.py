@@ -129,15 +129,21 @@ def test_files_are_listed_from_the_specifications_folder(tmp_path):
 @pytest.mark.parametrize(
     "text",
     [
-        "materials.wall.color_texture = 'a.x'",
-        "objects = [{ file = { choice = ['a.x'] } }]",
-        "camera.trajectory = 'a.x'",
-        "base = { choice = ['a.x'] }",
+        "scene.materials.wall.color_texture = 'a.toml'",
+        "scene.materials.wall.texture.file = 'a.toml'",
+        "scene.lights = [{ picture = { frames = 'a.toml', fps = 3.0 } }]",
+        "scene.environment.map = 'a.toml'",
+        "scene.objects = [{ file = { choice = ['a.toml'] } }]",
+        "scene.camera.trajectory = 'a.toml'",
+        "scene.base = { choice = ['a.toml'] }",
+        "run.camera_path = 'a.toml'",
+        "run.imu_noise = 'a.toml'",
+        "run.sensor = { choice = ['a.toml'] }",
     ],
 )
 def test_files_lie_beside_the_specification(tmp_path, text):
-    """A sequence's scene is written elsewhere."""
-    assert repr(str(tmp_path / "a.x")) in str(spec_of(tmp_path, f"scene.{text}").sample(0).scene)
+    """A sequence's scene is written elsewhere, and it is made in any folder of any machine."""
+    assert repr(str(tmp_path / "a.toml")) in str(spec_of(tmp_path, text).sample(0))
 
 
 @pytest.mark.parametrize(
@@ -193,3 +199,7 @@ def test_toml_comes_back(tmp_path_factory, table):
     path = tmp_path_factory.mktemp("toml") / "a.toml"
     path.write_text(to_toml(table), encoding="utf-8")
     assert read_toml(path) == table
+
+
+def test_a_sensor_may_be_a_preset(tmp_path):
+    assert spec_of(tmp_path, "run.sensor = 'davis346'").sample(0).run["sensor"] == "davis346"
