@@ -16,6 +16,7 @@ from clsim.live.stages import plan_stages
 from clsim.sensor import SensorSettings, Specimen, load_sensor, preset_names
 from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import Noise
+from clsim.sensor.settings import STAGES as STAGES_IN_ORDER
 from clsim.sensor.stage import Context
 
 CAMERAS = {
@@ -226,3 +227,41 @@ def test_rates_of_noise_belong_to_lights_that_rise(lux, on_hz, message):
     with pytest.raises(InputError, match=message):
         Noise(on_hz, lux=lux)
     assert Noise((3.0,), lux=lux[:1]).on_hz == (3.0,)
+
+
+STAGES = {
+    "front_end": {"dark_lux": 0.1, "receptor_hz_per_lux": 5.0, "follower_hz": 300.0},
+    "noise": {"on_hz": (1.0, 3.0), "off_hz": (2.0, 1.0), "lux": (1.0, 10.0), "spread_decades": 0.1, "shot": 0.0},
+    "leak": {"hz": 0.1, "spread_decades": 0.2, "parasitic_hz_per_lux": 1e-4},
+    "defects": {"hot_share": 0.1, "hot_hz": 50.0, "hot_spread_decades": 0.3, "dead_share": 0.1},
+    "refractory": {"us": 20.25},
+    "delay": {"latency_us": 3.0, "jitter_us": 2.0},
+    "threshold": {"on": 0.2, "off": 0.3, "mismatch": 0.01},
+}
+"""Numbers of each stage that is on, all of which mean something."""
+
+
+@pytest.mark.parametrize(("stage", "name"), [(stage, name) for stage, numbers in STAGES.items() for name in numbers])
+def test_each_number_of_a_stage_is_what_pixels_are_built_with(stage, name):
+    """By half and by a thousandth more it is another one, and no other's."""
+
+    def built(numbers):
+        settings = SensorSettings(**{"front_end": STAGES["front_end"], stage: numbers})
+        on, off = settings.threshold.on or 0.2, settings.threshold.off or 0.2
+        found = settings.stages[[*STAGES_IN_ORDER].index(stage)]
+        return on, off, settings.macros, found.constants(Context(on, off, 100.0, settings.front_end.follower_s))
+
+    numbers = STAGES[stage]
+    assert {*numbers} == {field.name for field in fields(getattr(SensorSettings(), stage))}
+    value = numbers[name]
+    changes = [
+        tuple(factor * each for each in value) if isinstance(value, tuple) else factor * value or 0.5
+        for factor in (1.5, 1.001)
+    ]
+    found = [built(numbers | {name: each}) for each in (value, *changes)]
+    others = [
+        built(numbers | {other: 1.5 * each})
+        for other, each in numbers.items()
+        if other != name and isinstance(each, float) and each
+    ]
+    assert found[0] not in found[1:] and found[1] not in others and (found[1] != found[2] or value == 0.0)
