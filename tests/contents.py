@@ -25,7 +25,7 @@ def _contents(thing: Any, left_out: frozenset[str], seen: dict[int, Any]) -> Any
         return thing.__name__
     if isinstance(thing, np.ndarray | np.generic):
         # Whole numbers of 64 bits without a sign are Warp's handles: places in memory.
-        return str(thing.dtype), thing.shape, b"" if thing.dtype == np.uint64 else thing.tobytes()
+        return thing.dtype.str, thing.shape, b"" if thing.dtype == np.uint64 else thing.tobytes()
     if hasattr(thing, "numpy") and hasattr(thing, "dtype"):  # Warp's arrays
         return _contents(thing.numpy(), left_out, seen)
     if id(thing) in seen:

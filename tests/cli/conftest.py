@@ -1,7 +1,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import pytest
+import typer.main
+
+built_once = cache(typer.main.get_command)
+"""The same commands for all tests: to build them takes longer than most that tests ask of them."""
 
 
 @dataclass
@@ -18,6 +23,7 @@ def clsim(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     def run(*arguments: object) -> Outcome:
         from clsim.cli import main
 
+        monkeypatch.setattr(typer.main, "get_command", built_once)
         monkeypatch.setattr("sys.argv", ["clsim", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             main()
