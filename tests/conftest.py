@@ -52,10 +52,12 @@ def pytest_configure(config: pytest.Config) -> None:
     if not (config.option.own_kernels or config.option.collectonly):
         import warp as wp
 
-        from tests.fast_compiling import compile_fast
+        from clsim.opencl import workplace
+        from tests.fast_compiling import compile_fast, declare_little
 
         os.environ.setdefault("PYOPENCL_BUILD_OPTIONS", "-cl-opt-disable")
         compile_fast(wp.config)
+        declare_little(workplace)
         # So do programs that tests start, fixtures of whole files included; they share kernels, too.
         programs, path = str(Path(__file__).parent / "programs"), os.environ.get("PYTHONPATH", "")
         if programs not in path.split(os.pathsep):
