@@ -230,8 +230,9 @@ def view_features(
     changes = light_cache and (scene.light_changes or lights_set)
     about_cached_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}
     return Features(
-        # Of how many lamps there are, other kernels know nothing, and are the same ones.
-        **(vars(scene) | {"few_lamps": lamp_light} | about_cached_light),
+        # Of how many lamps there are, whether they move and what they light, other kernels know nothing, and are the
+        # same ones.
+        **(vars(scene) | {"few_lamps": lamp_light, "lamps_move": False, "diffuse_lit": False} | about_cached_light),
         follow_specular=follow_specular and scene.mirrors,
         camera_blur=camera.shutter_s > 0 and camera.motion.duration_s > 0,
         projection=camera.lens.model,
