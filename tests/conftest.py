@@ -12,7 +12,7 @@ from hypothesis import settings
 settings.register_profile("clsim", deadline=None)
 settings.load_profile("clsim")
 
-_RENDER_BY_THE_WAY = ("bench", "bridges", "cli", "datasets", "docs", "live", "simulator", "tools", "truth")
+_RENDER_BY_THE_WAY = ("bench", "bridges", "cli", "datasets", "docs", "live", "scene", "simulator", "tools", "truth")
 """Folders whose tests render small worlds, but are not about how; those in `tests/render` choose for themselves."""
 
 

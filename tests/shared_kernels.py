@@ -24,6 +24,7 @@ ORDINARY: dict[str, Any] = {
     "triangle_lights": True,
     "still_lamps": False,
     "sphere_lights": True,
+    "punctual_lights": True,
     "environment": True,
 }
 """What the bundled scenes have, and most small worlds of tests."""

@@ -7,7 +7,7 @@ import pytest
 
 import clsim
 from clsim.errors import Error
-from clsim.scene import Camera, Material, Static
+from clsim.scene import Camera, Material, SphereLight, Static
 from clsim.scene.motion import compose
 from clsim.scene.shapes import box
 
@@ -21,6 +21,7 @@ def seeing() -> EventObservation:
     scene = clsim.WorldBuilder(Camera(24, 24, 60.0, Static(compose((0.0, 0.0, 3.0), np.eye(3)))))
     parts = {"body": (box((0.4, 0.4, 0.4)), np.eye(4), Material(color=(0.1, 0.1, 0.1)))}
     scene.add_parts("box", parts)
+    scene.add_light("lamp", SphereLight(0.2, (2.0, 2.0, 2.0), Static(compose((0.0, 0.0, 4.0), np.eye(3)))))
     world = scene.world(environment=(0.5, 0.5, 0.5))
     env = Slide(length=7, reach_m=0.0)
 

@@ -45,7 +45,7 @@ def test_the_share_of_a_straight_edge_is_its_area(kind):
 
 def test_a_checkered_floor_has_its_mean_colour():
     """Down to where squares are smaller than pixels, and in perspective."""
-    reference = hw.render(textured_world(), spp=4096, sampler="sobol")
+    reference = hw.render(textured_world(), spp=4096)
     floor = (reference.plane("Coverage") == 1) & (reference.plane("Ny") > 0.999)
     few, counted = (
         np.abs(

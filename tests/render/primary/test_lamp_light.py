@@ -16,10 +16,17 @@ from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Stat
 from tests.render import hand_worlds as hw
 from tests.render.primary.test_steered import LUMINANCE, Run
 from tests.render.test_tracer import LAMP, lit_world
+from tests.shared_kernels import ORDINARY, widen
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
 DIRECTIONS = 400_000
+
+
+@pytest.fixture
+def coats_and_metal(ordinary, monkeypatch, request):
+    """Build kernels that know both."""
+    widen(monkeypatch, request, ORDINARY | {"kinds": ("diffuse", "conductor", "plastic")})
 
 
 @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
@@ -183,6 +190,7 @@ def test_a_picture_of_light_is_seen_as_the_mean_over_pixels():
     assert np.std(seen[lit] / plain[lit]) < 0.2
 
 
+@pytest.mark.usefixtures("coats_and_metal")
 @pytest.mark.parametrize("alpha", [0.0, 0.3], ids=["mirroring", "rough"])
 @pytest.mark.parametrize("angle_deg", [10.0, 60.0, 80.0])
 def test_under_a_coat_light_of_a_lamp_is_what_the_coat_lets_pass_from_there(alpha, angle_deg):
@@ -225,6 +233,7 @@ def test_thin_tubes_are_lit_by_how_each_part_of_them_faces():
     assert seen == pytest.approx(plain, rel=0.05)
 
 
+@pytest.mark.usefixtures("coats_and_metal")
 def test_the_sun_on_metal_does_not_shine_on_what_lies_beside_it():
     """Strips of metal and of cloth, as wide as a pixel: cells of several pixels hold both."""
     side = 0.1

@@ -309,12 +309,14 @@ def test_flow_that_leads_nowhere_is_nowhere_valid_though_it_was_before() -> None
     assert not out[first : first + 4].any()
 
 
+@pytest.mark.usefixtures("any_lights")
 @pytest.mark.parametrize("every", [1, 2, 3])
 def test_backward_flow_leads_to_the_frame_of_truth_before(every: int) -> None:
     """It is that of the brute force, over as many frames as lie between two of truth."""
     world = replace(a_world(), fps=50.0)
     names = ("depth", "backward-flow")
-    view = View(SceneData(world), RenderOptions(spp=1, truth=names, truth_every=every, frames=12))
+    options = RenderOptions(spp=1, variances=True, truth=names, truth_every=every, frames=12)
+    view = View(SceneData(world), options)
     frame = Frame(page_aligned((len(view.names), view.height, view.width)), view.names)
     view.fill(6, frame)
     expected = reference.truth(world, world.camera, 6 / 50, (6 - every) / 50)["flow"]
@@ -324,12 +326,13 @@ def test_backward_flow_leads_to_the_frame_of_truth_before(every: int) -> None:
     assert valid.mean() > 0.5 and (apart < 1e-3).mean() > 0.98 and np.abs(expected[valid]).max() > 0.5
 
 
+@pytest.mark.usefixtures("any_lights")
 def test_labels_are_known_in_frames_without_other_truth_too() -> None:
     """Each event has the label of the nearest frame, however seldom depth is asked for."""
     world = replace(a_world(), fps=50.0)
     found = {}
     for every in (1, 3):
-        options = RenderOptions(spp=1, truth=("depth", "labels"), truth_every=every, frames=12)
+        options = RenderOptions(spp=1, variances=True, truth=("depth", "labels"), truth_every=every, frames=12)
         view = View(SceneData(world), options)
         frame = Frame(page_aligned((len(view.names), view.height, view.width)), view.names)
         frame.planes.fill(0.0)
