@@ -1,6 +1,8 @@
 """Options are called unused just where they change no event; gates that need old windows refuse live frames."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -60,8 +62,17 @@ def frames() -> list[Frame]:
     return result
 
 
+@pytest.fixture(scope="module")
+def events(frames: list[Frame]) -> Callable[[DetectorConfig], np.ndarray]:
+    """Return the events of a configuration, found once."""
+    size = frames[0].width, frames[0].height
+    return cache(lambda config: run(ReferenceDetector(config, *size, frames[0].names), frames))
+
+
 @pytest.mark.parametrize(("base", "option"), [pair for pair in product(BASES, CHANGES) if pair not in REFUSED])
-def test_an_unused_option_is_one_that_changes_nothing(base: str, option: str, frames: list[Frame]) -> None:
+def test_an_unused_option_is_one_that_changes_nothing(
+    base: str, option: str, events: Callable[[DetectorConfig], np.ndarray]
+) -> None:
     plain = DetectorConfig(method=base.split()[0], window=7, threshold_on=0.1, threshold_off=0.1, **BASES[base])
     if option == "shrink":
         plain = replace(plain, regress="linear")
@@ -69,10 +80,6 @@ def test_an_unused_option_is_one_that_changes_nothing(base: str, option: str, fr
     if option == "gate" and plain.gate == change["gate"]:
         change = {"gate": "published"}
     changed = replace(plain, **change)
-
-    def events(config: DetectorConfig) -> np.ndarray:
-        return run(ReferenceDetector(config, frames[0].width, frames[0].height, frames[0].names), frames)
-
     assert len(events(plain))
     assert (option in changed.unused()) == np.array_equal(events(plain), events(changed))
 

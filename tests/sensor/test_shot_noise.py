@@ -71,7 +71,7 @@ def opposite(x, on):
 
 
 def test_successive_noise_events_are_mostly_of_opposite_polarity():
-    events, _ = watch(noisy(2.5), 1500, 0.5)
+    events, _ = watch(noisy(2.5), 1500, 0.15)
     order = np.lexsort((events["t"], events["x"]))
     assert opposite(events["x"][order], events["on"][order])[0] == pytest.approx(0.75, abs=0.02)
 

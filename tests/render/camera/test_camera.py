@@ -217,7 +217,7 @@ def test_what_is_out_of_focus_is_blurred_to_the_circle_of_confusion():
     aperture, focus, d = 0.2, 2.0, 4.0
     lamp = hw.quad((-0.01, -0.01, -d), (0.02, 0, 0), (0, 0.02, 0))
     view = Camera(48, 48, 20.0, hw.IDENTITY, lens=Lens(aperture, focus))
-    frame = hw.render(hw.world(lamp, materials=(Material(emission=(1e4, 1e4, 1e4)),), view=view), spp=4096, max_depth=1)
+    frame = hw.render(hw.world(lamp, materials=(Material(emission=(1e4, 1e4, 1e4)),), view=view), spp=1024, max_depth=1)
     x, y = np.meshgrid(np.arange(48) + 0.5 - 24, np.arange(48) + 0.5 - 24)
     pixel = 2 * np.tan(np.radians(10)) / 48 * d
     bright = frame.plane("R").astype(np.float64)
