@@ -4,42 +4,31 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
+_TYPES = [(name, n) for name in ("int", "long", "float", "double") for n in ("", 8, 16)]
 _DECLARED = """
-typedef unsigned char uchar;
-typedef unsigned short ushort;
-typedef unsigned int uint;
-typedef unsigned long ulong;
+typedef unsigned char uchar; typedef unsigned short ushort; typedef unsigned int uint; typedef unsigned long ulong;
 typedef __SIZE_TYPE__ size_t;
-#define VECTOR(type, n) typedef type type##n __attribute__((ext_vector_type(n)))
-VECTOR(int, 8); VECTOR(int, 16); VECTOR(long, 8); VECTOR(long, 16);
-VECTOR(float, 8); VECTOR(float, 16); VECTOR(double, 8); VECTOR(double, 16);
 #define INT_MAX 0x7fffffff
 #define LONG_MAX 0x7fffffffffffffffL
 #define INFINITY __builtin_inff()
-#define as_int8(x) __builtin_astype((x), int8)
-#define as_int16(x) __builtin_astype((x), int16)
-#define as_long(x) __builtin_astype((x), long)
-#define as_long8(x) __builtin_astype((x), long8)
-#define as_long16(x) __builtin_astype((x), long16)
 #define as_ulong(x) __builtin_astype((x), ulong)
-#define as_float8(x) __builtin_astype((x), float8)
-#define as_float16(x) __builtin_astype((x), float16)
-#define as_double(x) __builtin_astype((x), double)
-#define as_double8(x) __builtin_astype((x), double8)
-#define as_double16(x) __builtin_astype((x), double16)
 #define PURE __attribute__((overloadable, const))
 size_t PURE get_global_id(uint);
-#define ONE(name) float PURE name(float); double PURE name(double)
-#define TWO(name) float PURE name(float, float); double PURE name(double, double)
-ONE(ceil); ONE(exp); ONE(expm1); ONE(fabs); ONE(floor); ONE(log); ONE(log2); ONE(sqrt); ONE(sinh);
-TWO(copysign); TWO(fmax); TWO(fmin); TWO(max); TWO(min);
 int PURE max(int, int); int PURE min(int, int); int PURE clamp(int, int, int);
-float PURE clamp(float, float, float); double PURE clamp(double, double, double);
-#undef VECTOR
-#undef PURE
-#undef ONE
-#undef TWO
-"""
+""" + "\n".join(
+    [
+        *(f"typedef {name} {name}{n} __attribute__((ext_vector_type({n})));" for name, n in _TYPES if n),
+        *(f"#define as_{name}{n}(x) __builtin_astype((x), {name}{n})" for name, n in _TYPES),
+        *(
+            f"{t} PURE {f}({t});"
+            for t in ("float", "double")
+            for f in ["ceil", "exp", "expm1", "fabs", "floor", "log", "log2", "sqrt"]
+        ),
+        *(f"{t} PURE {f}({t}, {t});" for t in ("float", "double") for f in ["copysign", "fmax", "fmin", "max", "min"]),
+        *(f"{t} PURE clamp({t}, {t}, {t});" for t in ("float", "double")),
+        "#undef PURE\n",
+    ]
+)
 """What kernels use of OpenCL, as PoCL's headers declare it."""
 
 
