@@ -21,7 +21,7 @@ from clsim.events.socket_sinks import open_socket_sink
 from tests.events.event_data import ENDINGS, HEIGHT, WIDTH, end_of, events, read
 
 OLD = b"of great value"
-EVENTS = events(300_000)
+EVENTS = events(100_000)
 
 
 @pytest.fixture(scope="module")
