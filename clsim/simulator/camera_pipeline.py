@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.pack import FrameMemory
-from clsim.errors import require_choice
+from clsim.errors import InputError, require_choice
 from clsim.events import Causes, EventBatch
-from clsim.frames import Frame, page_aligned
+from clsim.frames import TRUTH_PLANES, Frame, page_aligned
 from clsim.live.pipeline import InterestedDetector
 from clsim.live.stages import Stages
 from clsim.opencl.workplace import Workplace
@@ -21,6 +22,17 @@ from clsim.truth.cut import cut
 
 _SHARED = (SceneData, Camera, FrameMemory, Workplace)
 """What a snapshot leaves as it is: the scene on its device, memory that is lent and taken back, kernels' arguments."""
+_ELSEWHERE = {"poses": "; poses are what `Simulator.pose` returns"}
+
+
+def check_truth(asked: Sequence[str]) -> None:
+    """Raise InputError where what is asked for is recorded beside files alone, and no plane of a frame."""
+    for name in asked:
+        if name not in ("all", "none", "intensity", *TRUTH_PLANES):
+            raise InputError(
+                f"`truth` of a simulator must be of all, none, intensity, {', '.join(TRUTH_PLANES)}, got {name!r}"
+                f"{_ELSEWHERE.get(name, '')}"
+            )
 
 
 class CameraPipeline:
@@ -91,6 +103,8 @@ class CameraPipeline:
         """Return what is known of the last frame's pixels; raises InputError where a name is not among its planes."""
         known = ("intensity", *self.stages.render.truth)
         for name in names:
+            if name in TRUTH_PLANES and name not in known:
+                raise InputError(f"this simulator has no {name}: make it with truth=({name!r},)")
             require_choice("names", name, known)
         return cut(self.frame(), names or known)
 

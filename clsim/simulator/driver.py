@@ -25,7 +25,7 @@ from clsim.scene.driven import CAMERA, read_place
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectories.trajectory import Axes, Interpolation, turned
 from clsim.sensor.settings import SensorSettings
-from clsim.simulator.camera_pipeline import CameraPipeline
+from clsim.simulator.camera_pipeline import CameraPipeline, check_truth
 from clsim.simulator.driving import Driving
 from clsim.simulator.shared_scene import SharedScene, Turn
 from clsim.simulator.snapshot import SimulatorState
@@ -88,6 +88,7 @@ class Driver(ABC):
             check_world(world, given)
             given["scene"] = world.name
         self._options = LiveOptions(**given)
+        check_truth((truth,) if isinstance(truth, str) else truth)
         self.world = self._load() if world is None else in_colours_of(self._options.sensor, world)
         self._start(SharedScene(self.world), kind)
 
@@ -138,14 +139,14 @@ class Driver(ABC):
         """Time of the last frame [µs]; None before the first."""
         return self.time_us if self._next else None
 
-    def set_pose(self, name: str, T_world: Any, at_us: int | None = None) -> None:
+    def set_pose(self, name: str, pose: Any, at_us: int | None = None) -> None:
         """Say where something is at a time; on the way from its last pose it goes straight and turns by slerp.
 
         The first pose holds from the start; where steps were made before, the way leads there from where it is now.
 
         Args:
             name: one of ``names``.
-            T_world: its pose in the world [m]: a matrix ``[4, 4]`` with at most one positive scale, or a pair of
+            pose: its pose in the world [m]: a matrix ``[4, 4]`` with at most one positive scale, or a pair of
                 position and quaternion x, y, z, w. A camera looks along −z, and +y is up; see `set_camera` for other
                 axes.
             at_us: the time [µs], after the last frame and no earlier than the last pose that was set; None is the end
@@ -156,22 +157,22 @@ class Driver(ABC):
                 already: what may move must be known before the first step.
         """
         self._check_open()
-        place = read_place("T_world", T_world)
+        place = read_place("pose", pose)
         at_us = read_value("at_us", at_us, int | None)
         self._driving.set_place(read_value("name", name, str), place, at_us, self.frame_time_us)
 
-    def set_camera(self, T_world: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
+    def set_camera(self, pose: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
         """Say where the camera is at a time, as `set_pose` does.
 
         Args:
-            T_world: its pose, as for `set_pose`.
+            pose: its pose, as for `set_pose`.
             at_us: the time [µs]; None is the end of the next step.
             axes: "opengl": it looks along −z, and +y is up; "opencv": along +z, and +y is down.
 
         Raises:
             InputError: as `set_pose`.
         """
-        position, rotation, scale = read_place("T_world", T_world)
+        position, rotation, scale = read_place("pose", pose)
         if read_value("axes", axes, Axes) == "opencv":
             rotation = turned(rotation)
         at_us = read_value("at_us", at_us, int | None)

@@ -73,7 +73,8 @@ class Simulator(Driver):
             "auto": adaptive where things go fast; where something is set before the first step, fixed.
         time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100, or 30 with
             "accurate" and "exact".
-        truth: what `truth` shall be able to tell: names of `clsim.frames.TRUTH_PLANES`, such as "depth", or "all".
+        truth: what `truth` shall be able to tell: names of `clsim.frames.TRUTH_PLANES`, such as "depth", or "all". What is
+            recorded beside files alone, such as "imu", it cannot.
 
     Raises:
         InputError: the scene or an option cannot be used.
@@ -131,8 +132,8 @@ class Simulator(Driver):
         ``intensity``, ``depth`` and ``distance`` [m] are ``[H, W]``; ``normal`` and ``albedo`` ``[H, W, 3]``; ``flow``
         and ``backward-flow`` ``[H, W, 4]``: x and y [px], valid, covisible. ``ids`` gives ``object`` and ``material``
         ``[H, W]``, where k stands for the k-th name of a recording's table, and 0 for nothing. Backward flow leads to
-        the frame before, which is 1/fps ago, however long a step is; flow leads 1/fps on, as far as motions are known
-        now.
+        the frame before: with the caller's clock that is at the end of the step before, or within this step where it
+        is longer than 1/fps; with the others 1/fps ago. Flow leads 1/fps on, as far as motions are known now.
 
         Args:
             names: planes that ``truth`` was given, or intensity; none means all of them.

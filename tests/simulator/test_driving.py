@@ -186,7 +186,7 @@ def test_what_cannot_be_set_is_told(tmp_path: Path) -> None:
         sheared, mirror, origin = np.eye(4) + 0.5 * np.eye(4, k=1), np.diag([1.0, -1.0, 1.0, 1.0]), (0.0, 0.0, 0.0)
         far = ((0.0, 0.0, np.inf), (0.0, 0.0, 0.0, 1.0))
         for pose in (np.eye(3), np.full((4, 4), np.nan), "here", sheared, mirror, origin, (origin, origin), far):
-            with pytest.raises(InputError, match="`T_world` must be a 4×4 matrix of a rotation"):
+            with pytest.raises(InputError, match="`pose` must be a 4×4 matrix of a rotation"):
                 run.set_pose("box", pose)
         with pytest.raises(InputError, match="no light called 'floor' shines in stage, expected one of: lamp"):
             run.set_light("floor", (1.0, 1.0, 1.0))

@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.simulator.stage import simulator
+import clsim
+from clsim.errors import InputError
+from tests.simulator.stage import scene, simulator
 
 
 @pytest.mark.slow
@@ -32,3 +34,18 @@ def test_truth_stays_what_it_was_when_a_step_follows(tmp_path: Path) -> None:
         run.step(5_000)
         assert all((run.truth(name)[name] != kept[name]).any() for name in kept)
         assert all((told[name] == kept[name]).all() for name in kept)
+
+
+@pytest.mark.parametrize("name", ["imu", "poses", "image"])
+def test_truth_that_only_recordings_have_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=f"must be of all, none, intensity, depth, .*, got '{name}'"):
+        clsim.Simulator(scene(tmp_path), truth=("depth", name))
+
+
+def test_truth_that_was_not_asked_for_says_how_to_ask(tmp_path: Path) -> None:
+    with simulator(tmp_path) as run:
+        run.step(0)
+        with pytest.raises(InputError, match=r"has no depth: make it with truth=\('depth',\)"):
+            run.truth("depth")
+        with pytest.raises(InputError, match="`names` must be one of intensity, got 'dpth'"):
+            run.truth("dpth")
