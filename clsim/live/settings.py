@@ -166,7 +166,7 @@ class TimeSettings(Group):
     """How long a run lasts, when brightness is found, and what clock is kept."""
 
     duration_s: float | None = None
-    """Simulated time [s]. [the scene's motion, once]"""
+    """Simulated time [s], rounded to whole frames. [the scene's motion, once]"""
     frame_count: int | None = None
     """Number of frames, instead of a duration."""
     loop: bool = False
@@ -225,7 +225,7 @@ class OutputSettings(Group):
     It is all that outputs can hold, none, or of `clsim.truth.TRUTH_NAMES`.
     """
     frame_rate: float | None = None
-    """Frames of ``truth`` per simulated second; goes into ``fps`` without a rest. [all that are rendered]"""
+    """Frames of ``truth`` per simulated second; ``fps`` must be a multiple of it. [all that are rendered]"""
     pose_rate: float = 200.0
     """Poses of camera and objects per simulated second, with ``truth`` poses."""
     imu_rate: float = 1000.0

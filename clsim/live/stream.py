@@ -198,7 +198,7 @@ def stream(
         governor: whether a run at the pace of the wall clock renders less where it could not keep up.
         ring: "block": rendering waits for the detector; "drop-oldest": it loses the oldest frame.
         truth: what is recorded beside the events in outputs that can hold it, of `clsim.truth.TRUTH_NAMES`, or "all".
-        frame_rate: frames of truth per simulated second [1/s], which go into ``fps`` without a rest; None takes all.
+        frame_rate: frames of truth per simulated second [1/s]; ``fps`` must be a multiple of it. None takes all.
         pose_rate: poses of camera and objects per simulated second [1/s].
         imu_rate: inertial samples per simulated second [1/s].
         imu_noise: Kalibr's imu.yaml, which says how noisy the inertial sensor is; None is a perfect one.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -11,6 +12,8 @@ from clsim.frames import frame_time_us
 LARGEST_FPS = 1_000_000
 LONGEST_S = 1e12
 """At 10⁶ frames a second, their number still has 64 bits."""
+_RATE_TOLERANCE = 1e-4
+"""Of rates that were rounded by hand: 33.3333 for a third of 100."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,8 @@ def plan(
     A run of d seconds has round(d·fps) intervals, hence one frame more: the first one only sets the references.
 
     Raises:
-        InputError: two frames would have the same time, or one a time beyond all that can be told.
+        InputError: two frames would have the same time, or one a time beyond all that can be told, or the duration is
+            less than half a frame.
     """
     if fps < 1 / LONGEST_S:
         raise InputError(f"`fps` must be at least {1 / LONGEST_S:g}, for times end at {LONGEST_S:g} s, got {fps:g}")
@@ -93,6 +97,11 @@ def plan(
     if frames is not None:
         total: int | None = frames
     elif duration_s is not None:
+        if duration_s * fps < 0.5:
+            raise InputError(
+                f"`duration_s` must be at least half a frame, which is {0.5 / fps:.3g} s at {fps:g} frames per second, "
+                f"got {duration_s:g}"
+            )
         total = round(duration_s * fps) + 1
     else:
         total = None if loop else pass_frames + 1
@@ -104,9 +113,10 @@ def truth_every(fps: float, frame_rate: float | None) -> int:
     if frame_rate is None:
         return 1
     every = max(1, round(fps / frame_rate))
-    if abs(fps / every - frame_rate) > 1e-6 * frame_rate:
+    if abs(fps / every - frame_rate) > _RATE_TOLERANCE * frame_rate:
+        slower = max(1, math.ceil(fps / frame_rate))
+        near = " and ".join(f"{fps / each:g}" for each in (slower, slower - 1) if each)
         raise InputError(
-            f"`frame_rate` must go into the {fps:g} frames per second that are rendered without a rest, got "
-            f"{frame_rate:g}; expected {fps / every:g}, or another `fps`"
+            f"`fps` ({fps:g}) must be a multiple of `frame_rate`, got {frame_rate:g}; the nearest that work: {near}"
         )
     return every

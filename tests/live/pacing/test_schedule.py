@@ -6,7 +6,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from clsim.live.pacing.schedule import Continuity, Schedule, plan
+from clsim.errors import InputError
+from clsim.live.pacing.schedule import Continuity, Schedule, plan, truth_every
 
 
 @example(29, 100.0)  # .29 · 100 is less than 29
@@ -25,6 +26,24 @@ def test_without_a_length_the_motion_is_played_once_and_in_a_loop_for_ever() -> 
     assert plan(0.29, 100.0, loop=True).total is None
     assert plan(0.0, 100.0).total == 2, "where nothing moves, one step is left"
     assert plan(0.29, 100.0, frames=7).total == 7
+
+
+def test_less_than_half_a_frame_is_no_run() -> None:
+    assert plan(1.0, 100.0, duration_s=0.006).total == 2
+    with pytest.raises(InputError, match=r"`duration_s` must be at least half a frame, which is 0.005 s at 100 frames"):
+        plan(1.0, 100.0, duration_s=0.004)
+
+
+@pytest.mark.parametrize(("fps", "rate", "every"), [(100, 33.3333, 3), (100, None, 1), (240, 30, 8), (29.97, 29.97, 1)])
+def test_a_rate_of_truth_may_be_rounded_by_hand(fps: float, rate: float | None, every: int) -> None:
+    assert truth_every(fps, rate) == every
+
+
+@pytest.mark.parametrize(("rate", "near"), [(33.4, "33.3333 and 50"), (140, "100"), (99.0, "50 and 100")])
+def test_a_rate_of_truth_that_does_not_fit_names_those_that_do(rate: float, near: str) -> None:
+    said = rf"`fps` \(100\) must be a multiple of `frame_rate`, got {rate:g}; the nearest that work: {near}$"
+    with pytest.raises(InputError, match=said):
+        truth_every(100.0, rate)
 
 
 @given(st.integers(1, 9), st.lists(st.integers(1, 25), min_size=1, max_size=12), st.booleans())
