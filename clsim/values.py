@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import math
 import os
+import re
 import sys
 import types
 import zlib
@@ -22,6 +23,17 @@ Options = TypeVar("Options")
 
 _LARGEST_WHOLE = (1 << 64) - 1
 _LONGEST_SHOWN = 200
+
+
+def toml_problem(text: str, error: Exception) -> str:
+    """Return what a reader of TOML found wrong, on one line, and what to write if that is a number's point."""
+    said = str(error).splitlines()[0]
+    place = re.search(r"\(at line (\d+), column (\d+)\)", said)
+    if place is None:
+        return said
+    line, column = text.split("\n")[int(place[1]) - 1], int(place[2]) - 1
+    bare = re.match(r"[+-]?\.\d", line[column:]) or re.match(r"\d\.(?!\d)", line[max(column - 1, 0) :])
+    return f"{said}; a number needs a digit before and after its point, as 0.1" if bare else said
 
 
 def read_text(path: Path, most_bytes: int, expected: str, name: str | None = None) -> str:

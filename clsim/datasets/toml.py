@@ -10,17 +10,20 @@ from pathlib import Path
 from typing import Any
 
 from clsim.errors import InputError
+from clsim.values import toml_problem
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a file; raises InputError where it is not there or no TOML."""
     tomllib: Any = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
+    text = ""
     try:
-        told: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        text = path.read_text(encoding="utf-8-sig")
+        told: dict[str, Any] = tomllib.loads(text)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected a file in TOML") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: is no TOML ({str(error).splitlines()[0]})") from None
+        raise InputError(f"{path}: is no TOML ({toml_problem(text, error)})") from None
     return told
 
 

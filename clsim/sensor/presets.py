@@ -12,7 +12,7 @@ from typing import Any
 
 from clsim.errors import InputError
 from clsim.sensor.settings import SensorSettings
-from clsim.values import from_plain
+from clsim.values import from_plain, toml_problem
 
 ALIASES = {"imx636": "gen4.1"}
 """Names of one chip."""
@@ -77,12 +77,14 @@ def _read(path: Path, on_the_way: list[Path]) -> dict[str, Any]:
 
 def _parsed(place: str, data: bytes) -> dict[str, Any]:
     tomllib: Any = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
+    text = ""
     try:
-        parsed: dict[str, Any] = tomllib.loads(data.decode("utf-8-sig"))
+        text = data.decode("utf-8-sig")
+        parsed: dict[str, Any] = tomllib.loads(text)
     except UnicodeDecodeError:
         raise InputError(f"{place}: is no text in UTF-8") from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{place}: is no TOML ({error})") from None
+        raise InputError(f"{place}: is no TOML ({toml_problem(text, error)})") from None
     return parsed
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +13,7 @@ from pydantic_core import ErrorDetails
 
 from clsim.errors import InputError
 from clsim.scene.pictures.film import is_video
-from clsim.scene.toml.schema import OBJECTS, ObjectTable, SceneTable
+from clsim.scene.toml.schema import OBJECTS, CameraTable, MountTable, ObjectTable, SceneTable
 from clsim.scene.toml.schema_base import Table
 from clsim.scene.toml.schema_light import MODULATIONS
 from clsim.scene.wording import plainly
@@ -42,6 +43,8 @@ KINDS_WITH: dict[str, tuple[str, ...]] = {
     "clearcoat_roughness": ("principled", "disney"),
 }
 """Which kinds of material have a key; what is not named here all have."""
+_SMALL_DEG = 2.0
+"""Hardly a lens sees less, and radians are less."""
 
 
 RENAMED: dict[str, tuple[tuple[str, ...], str]] = {
@@ -51,6 +54,18 @@ RENAMED: dict[str, tuple[tuple[str, ...], str]] = {
     ),
 }
 """Keys that once were: what took their place, and in words."""
+
+
+def small_angles(scene: SceneTable, source: Path) -> Iterator[str]:
+    """Yield a warning for each field of view that is likely in radians."""
+    cameras: list[tuple[str, CameraTable | MountTable | None]] = [("camera", scene.camera)]
+    cameras += [(f"cameras[{i}]", mount) for i, mount in enumerate(scene.cameras)]
+    for key, table in cameras:
+        if table is not None and table.fov_deg is not None and table.fov_deg < _SMALL_DEG:
+            yield (
+                f"{source.name}: {key}.fov_deg is {table.fov_deg:g}° (if it is in radians, write "
+                f"{math.degrees(table.fov_deg):.4g})"
+            )
 
 
 def parse(data: dict[str, Any], source: Path) -> SceneTable:

@@ -57,7 +57,7 @@ from clsim.scene.world import (
     Vec3,
     World,
 )
-from clsim.values import read_text
+from clsim.values import read_text, toml_problem
 
 if TYPE_CHECKING:  # pydantic costs a third of the start-up, and only scenes from TOML need it
     from clsim.scene.toml import schema
@@ -75,7 +75,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         parsed: dict[str, Any] = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: is not valid TOML: {error}") from None
+        raise InputError(f"{path}: is not valid TOML: {toml_problem(text, error)}") from None
     return parsed
 
 
@@ -85,7 +85,7 @@ def load_toml(path: Path) -> World:
     Raises:
         InputError: with every problem of the file, one line each.
     """
-    from clsim.scene.toml.check import parse
+    from clsim.scene.toml.check import parse, small_angles
 
     scene = parse(read_toml(path), path)
     problems: list[str] = []
@@ -94,6 +94,7 @@ def load_toml(path: Path) -> World:
         with _collecting(problems, f"{path}: base"):
             base = _read_base(named_file(scene.base, path.parent), drifts=scene.camera is None)
     builder = _Builder(path, base)
+    builder.warnings += small_angles(scene, path)
     for name, material in scene.materials.items():
         with _collecting(problems, f"{path}: materials.{name}"):
             builder.add_material(name, material)

@@ -63,7 +63,7 @@ class OrbitTable(Table):
 class Placed(Table):
     """What has a place: still, keyframed or orbiting."""
 
-    position: Vector | None = None
+    position: Vector | None = Field(None, description="[0, 0, 0] where neither keyframes nor orbit is given")
     keyframes: Annotated[tuple[KeyframeTable, ...], Field(min_length=1)] | None = None
     orbit: OrbitTable | None = None
     interpolation: Literal["linear", "cubic"] = Field("linear", description="how keyframes and trajectories are joined")
@@ -107,6 +107,7 @@ class ShakeTable(Table):
 class CameraTable(Placed):
     """A camera that looks along −z."""
 
+    position: Vector | None = Field(None, description="needed without keyframes, orbit and trajectory")
     resolution: tuple[Pixels, Pixels] = Field((346, 260), description="width, height")
     fov_deg: Annotated[float, Strict(), Field(gt=0, lt=180)] = Field(50.0, description="horizontal field of view")
     focal_length_mm: Positive | None = Field(None, description="instead of fov_deg")

@@ -32,6 +32,7 @@ def complaint(tmp_path, text):
         ("[camera\n", ["not valid TOML", "line 1"]),
         (CAMERA + "fov = 50\n", ["camera.fov", "unknown key", "'fov_deg'"]),
         ("colour = 3\n" + CAMERA, ["colour: unknown key", "sphere_lights"]),
+        (CAMERA + "fov_deg = .5\n", ["a number needs a digit before and after its point, as 0.1"]),
         (CAMERA + "fov_deg = 180\n", ["camera.fov_deg", "less than 180", "180"]),
         (CAMERA + "fov_deg = nan\n", ["camera.fov_deg", "finite", "nan"]),
         (CAMERA + "fov_deg = '50'\n", ["camera.fov_deg", "valid number", "'50'"]),
@@ -162,6 +163,15 @@ def test_what_is_no_toml_is_refused(tmp_path, data):
     path.write_bytes(data)
     with pytest.raises(InputError, match=r"scene\.toml"):
         load_world(path)
+
+
+@pytest.mark.parametrize(("fov_deg", "written"), [(0.87, "49.85"), (2.0, None)])
+def test_a_field_of_view_in_radians_is_suspected(tmp_path, fov_deg, written):
+    world = load(tmp_path, CAMERA + f"fov_deg = {fov_deg}\n" + '[[cameras]]\nname = "a"\nfov_deg = 1.0\n')
+    said = [f"scene.toml: camera.fov_deg is 0.87° (if it is in radians, write {written})"] if written else []
+    assert [each for each in world.warnings if "fov_deg" in each] == [
+        *said, "scene.toml: cameras[0].fov_deg is 1° (if it is in radians, write 57.3)"
+    ]  # fmt: skip
 
 
 def test_values_reach_the_world(tmp_path):
