@@ -20,6 +20,8 @@ def usage_sentence(error: Any) -> str:
     parameter = getattr(error, "param", None)
     if findings is None or parameter is None:
         message = _config_sentence(getattr(error, "option_name", "")) or str(error.format_message())
+        if split := re.search(r"unexpected extra argument.*\((us|µs|ms|s|min)\)", message):
+            return f"{message.rstrip('.')}; write a time and its unit as one word, such as 200{split[1]}"
         if not message.startswith("No such command"):
             return message
         return f"{message.rstrip('.')}, expected one of {', '.join(error.ctx.command.list_commands(error.ctx))}"

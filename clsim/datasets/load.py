@@ -37,6 +37,8 @@ class Sequence:
         import h5py
 
         path = Path(path)
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder; expected a sequence of a data set")
         path = path / "events.h5" if path.is_dir() else path
         if path.with_name("sequence.dsec").is_dir() and not path.exists():
             raise InputError(
@@ -177,7 +179,7 @@ class Slices:
             return
         found = [done.index for done in scan(folder) if done.kept and self.split in ("", done.split)]
         if not found:
-            raise InputError(f"{folder}: holds no sequences" + (f" of the split {self.split!r}" if self.split else ""))
+            raise InputError(_nothing(folder, self.split))
         if self.shuffle_seed is not None:
             np.random.default_rng(self.shuffle_seed).shuffle(found)
         for index in found[worker::workers]:
@@ -221,6 +223,18 @@ class Slices:
         if frame is not None:
             made |= {name: sequence.truth(name, frame) for name in self.truth}
         return made
+
+
+def _nothing(folder: Path, split: str) -> str:
+    """Return why there is nothing to read."""
+    if not folder.is_dir():
+        return f"{folder}: no such folder"
+    splits = {done.split for done in scan(folder) if done.kept}
+    splits |= {shard.name.partition("-")[0] for shard in folder.glob("*-*.tar")}
+    known = ", ".join(sorted(splits - {""}))
+    if not split or not splits:
+        return f"{folder}: holds no sequences"
+    return f"{folder}: holds no sequences of the split {split!r}, " + (f"but {known}" if known else "for it has none")
 
 
 def _of_torch(worker: int, workers: int) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from clsim.datasets.job import Done, read_done, sequence_folder
 from clsim.errors import InputError
 
 MANIFEST = "manifest.parquet"
+DATASET = "dataset.json"
 
 
 def scan(out: Path) -> Iterator[Done]:
@@ -21,6 +23,18 @@ def scan(out: Path) -> Iterator[Done]:
             done = read_done(each)
             if done is not None:
                 yield done
+
+
+def read_about(out: Path) -> dict[str, Any]:
+    """Return what ``dataset.json`` tells: name, digest and parts; raises InputError where it is damaged."""
+    path = out / DATASET
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: is damaged, expected what clsim dataset wrote")
+    return found
 
 
 def write_manifest(out: Path) -> Path:

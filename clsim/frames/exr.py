@@ -210,6 +210,8 @@ def _sequence_files(path: str | Path) -> list[Path]:
     found = sorted(base.glob("*.exr")) if base.is_dir() else [Path(name) for name in sorted(glob.glob(str(path)))]
     if not found and base.is_file():
         found = [base]
+    if not found and not glob.has_magic(str(path)) and not base.exists():
+        raise InputError(f"{path}: no such file or folder; expected a folder of *.exr files or a glob pattern")
     if not found:
         raise InputError(f"no EXR file at {path}; expected a folder of *.exr files or a glob pattern")
     if len(found) == 1:

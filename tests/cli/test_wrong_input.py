@@ -46,6 +46,12 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", "--threshold=0"], "--threshold must be one or two positive numbers"),
         (["live", "still", "--resolution", "0x10"], "--resolution must be WIDTHxHEIGHT"),
         (["live", "still", "--duration", "-1s"], "--duration must be a positive time"),
+        (
+            ["live", "still", "--duration", "200", "ms"],
+            "(ms); write a time and its unit as one word, such as 200ms",
+        ),
+        (["live", "still", "--duration", "1e-9s", "--out", "{}/x.txt"], "--duration must be at least half a frame"),
+        (["detect", "missing", "--out", "{}/x.txt"], "missing: no such file or folder"),
         (["live", "still", "--fps", "x"], "clsim: --fps must be a number, got 'x'\n"),
         (["live", "still", "--spp", "1.5"], "clsim: --spp must be a whole number, got '1.5'\n"),
         (

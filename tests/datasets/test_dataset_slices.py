@@ -9,13 +9,14 @@ import h5py
 import numpy as np
 import pytest
 
+from clsim.cli.commands.info import _facts
 from clsim.datasets.job import Done, read_done, sequence_folder
 from clsim.datasets.load import Sequence, Slices, voxel_grid
 from clsim.datasets.manifest import read_manifest, scan, write_manifest
 from clsim.datasets.shards import write_shards
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE
-from clsim.events.files import open_sink
+from clsim.events.files import open_sink, open_source
 
 _W, _H, _FRAME_US = 12, 9, 10_000
 _COST = {"cpu_s": 1.5, "wall_s": 2.5}
@@ -59,7 +60,12 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize(
     ("place", "split", "said"),
-    [(".", "tset", "no sequences of the split 'tset'"), ("no", "", "no: holds no sequences$")],
+    [
+        (".", "tset", "no sequences of the split 'tset', but test, train$"),
+        ("sequences", "", "sequences: holds no sequences$"),
+        ("no", "", "no: no such folder$"),
+        ("no", "test", "no: no such folder$"),
+    ],
 )
 def test_what_is_not_there_is_told(folder, place, split, said):
     with pytest.raises(InputError, match=said):
@@ -87,6 +93,26 @@ def test_any_slice_of_time_has_its_events(folder):
         assert (sequence.truth("depth", -1) == 4).all()
         with pytest.raises(InputError, match="has 5 frames of truth, got frame 5"):
             sequence.truth("depth", 5)
+
+
+def test_a_sequence_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"000009: no such file or folder; expected a sequence of a data set$"):
+        Sequence(tmp_path / "000009")
+
+
+def test_info_tells_what_a_data_set_holds_and_open_how_to_read_it(folder):
+    (folder / "dataset.json").write_text(json.dumps({"name": "few", "split": ["train", "val", "test"]}))
+    (folder / "contact-sheet.png").touch()
+    facts = _facts(str(folder), strict=False)["data set"]
+    assert facts["name"] == "few" and facts["splits"] == {"train": 2, "val": 0, "test": 1}
+    assert (facts["sequences"], facts["rejected"], facts["events"]) == (3, 1, 1500)
+    with pytest.raises(InputError, match=r"is a folder, expected a file of events; to read a data set, use clsim.data"):
+        open_source(folder)
+    with pytest.raises(InputError, match=r"is a folder, expected a file of events$"):
+        open_source(folder / "sequences")
+    (folder / "dataset.json").write_text("[")
+    with pytest.raises(InputError, match=r"dataset.json: is damaged"):
+        _facts(str(folder), strict=False)
 
 
 def test_a_sequence_in_another_layout_is_told(tmp_path):

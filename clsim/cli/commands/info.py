@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -27,7 +28,9 @@ _LABELS = {"built in": "compiled", "left out": "not needed here, so not compiled
 def info(
     what: Annotated[
         str,
-        typer.Argument(help="A bundled scene, a scene file, EXR frames, a video or pictures, an event file or folder."),
+        typer.Argument(
+            help="A bundled scene, a scene file, EXR frames, a video or pictures, an event file or folder, a data set."
+        ),
     ],
     statistics: Annotated[
         bool, typer.Option("--statistics", help="Of a recording: intervals, shared times, lonely events and more.")
@@ -62,6 +65,7 @@ def info(
 
 
 def _facts(what: str, strict: bool) -> dict[str, Any]:
+    from clsim.datasets.manifest import DATASET
     from clsim.events.files import READ_ENDINGS, read_format_of, split_topic
     from clsim.footage.open import FILE_ENDINGS, is_footage
     from clsim.scene import bundled_scenes
@@ -70,6 +74,8 @@ def _facts(what: str, strict: bool) -> dict[str, Any]:
     name = str(split_topic(what)[0]).lower()
     if os.path.isdir(what) and (kind := recording_kind(what)) is not None:
         return {"events": _events(what, kind.name, strict)} | _truth(what)
+    if what not in bundled_scenes() and Path(what, DATASET).is_file():
+        return {"data set": _data_set(Path(what))}
     if name.endswith(FILE_ENDINGS) or (what not in bundled_scenes() and Path(what).is_dir() and is_footage(what)):
         return {"footage": _footage(what)}
     if name.endswith(".exr") or (Path(what).is_dir() and what not in bundled_scenes()):
@@ -162,6 +168,23 @@ def _footage(what: str) -> dict[str, Any]:
         source.close()
 
 
+def _data_set(folder: Path) -> dict[str, Any]:
+    """Return what a folder of `clsim dataset` holds, by its sequences' own job.json."""
+    from clsim.datasets.manifest import read_about, scan
+
+    about, found = read_about(folder), list(scan(folder))
+    kept = [done for done in found if done.kept]
+    splits = dict.fromkeys(about.get("split", ()), 0) | Counter(done.split for done in kept if done.split)
+    return {
+        "name": about.get("name"),
+        "sequences": len(kept),
+        "rejected": len(found) - len(kept),
+        "splits": splits,
+        "events": sum(done.figures.get("events", 0) for done in kept),
+        "bytes": sum(size for done in found for size, _ in done.files.values()),
+    }
+
+
 def _events(what: str, form: str, strict: bool) -> dict[str, Any]:
     """Return the figures of an event file or folder of that format, read in bounded memory."""
     from clsim.events.files import open_source
@@ -176,6 +199,7 @@ def _events(what: str, form: str, strict: bool) -> dict[str, Any]:
             on += int(batch["on"].sum())
             right, bottom = max(right, int(batch["x"].max())), max(bottom, int(batch["y"].max()))
         resolution = None if source.width is None or source.height is None else [source.width, source.height]
+        labels = list(source.labelled)
     span_us = last_us - (first_us or 0)
     return {
         "format": source.format or form,
@@ -189,7 +213,7 @@ def _events(what: str, form: str, strict: bool) -> dict[str, Any]:
         "farthest_pixel": [right, bottom] if count else None,
         "moved_events": source.moved_events,
         "dropped_events": source.dropped_events,
-    }
+    } | ({"labels": labels} if labels else {})
 
 
 def _truth(what: str) -> dict[str, Any]:

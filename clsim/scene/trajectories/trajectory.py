@@ -151,7 +151,8 @@ def _line(place: str, words: list[str]) -> Timed:
     except ValueError:
         pose = []
     if len(pose) != 7:
-        raise InputError(f"{place}: got {' '.join(words)[:60]!r}, expected 8 numbers t tx ty tz qx qy qz qw")
+        hint = "; begin a header with #" if words[0][0].isalpha() else ""
+        raise InputError(f"{place}: got {' '.join(words)[:60]!r}, expected 8 numbers t tx ty tz qx qy qz qw{hint}")
     if not all(map(math.isfinite, (time_s, *pose))):
         raise InputError(f"{place}: has a number that is not finite")
     return place, time_s, pose

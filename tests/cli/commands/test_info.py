@@ -105,6 +105,13 @@ def test_truth_that_cannot_be_read_hides_no_events(clsim, tmp_path):
     assert facts["events"]["events"] > 0 and "run.h5" in facts["truth"]["unreadable"]
 
 
+def test_labels_beside_events_are_told(clsim, tmp_path):
+    open_sink(tmp_path / "e.h5", 20, 10, labels=("cause",)).close()
+    open_sink(tmp_path / "plain.h5", 20, 10).close()
+    assert told(clsim, tmp_path / "e.h5")["events"]["labels"] == ["cause"]
+    assert "labels" not in told(clsim, tmp_path / "plain.h5")["events"]
+
+
 def test_empty_event_file(clsim, tmp_path):
     open_sink(tmp_path / "e.aedat4", 20, 10).close()
     facts = told(clsim, tmp_path / "e.aedat4")["events"]

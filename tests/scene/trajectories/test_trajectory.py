@@ -59,6 +59,7 @@ def test_one_pose_stands_still(tmp_path):
         ("\n0 1 2 3 0 0 0 x\n", "poses.txt:2"),
         ("0 1 2 3 0 0 0 1 9\n", "poses.txt:1"),
         ("0 1 2 nan 0 0 0 1\n", "not finite"),
+        ("time x y z qx qy qz qw\n", "tx ty tz qx qy qz qw; begin a header with #"),
         ("nan 1 2 3 0 0 0 1\n", "not finite"),
         ("0 1 2 3 0 0 0 1\ninf 1 2 3 0 0 0 1\n", "poses.txt:2: has a number that is not finite"),
         ("0 1 2 3 0 0 0 0\n", "length 0"),
