@@ -55,11 +55,29 @@ class Preview:
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the user wants to know."""
+        lost = f"; attempts that were not kept: {self.rejected}" if self.rejected else ""
         return (
-            f"{self.samples} samples are on {self.sheet}; {self.rejected} attempts were not kept",
-            f"all sequences will take about {self.cpu_hours:.2g} CPU hours, {self.hours:.2g} hours on this machine, "
-            f"and {self.gigabytes:.2g} GB; kernels that are new are compiled first",
+            f"{self.samples} samples are on {self.sheet}{lost}",
+            f"all sequences will take about {_time_text(self.cpu_hours)} of CPU time, {_time_text(self.hours)} on this "
+            f"machine, and {_size_text(self.gigabytes)}; kernels that are new are compiled first",
         )
+
+
+def _time_text(hours: float) -> str:
+    """Return ``3.4 seconds`` for what is short."""
+    for unit_hours, unit in ((1.0, "hours"), (1 / 60, "minutes")):
+        if hours >= 1.5 * unit_hours:
+            return f"{_rounded(hours / unit_hours)} {unit}"
+    return f"{_rounded(hours * 3600)} seconds"
+
+
+def _size_text(gigabytes: float) -> str:
+    return f"{_rounded(gigabytes)} GB" if gigabytes >= 1 else f"{_rounded(gigabytes * 1e3)} MB"
+
+
+def _rounded(value: float) -> str:
+    """Return two digits of a number, without an exponent."""
+    return f"{float(f'{value:.2g}'):,.10g}"
 
 
 def preview(spec: Spec, out: Path, workers: int | None, longest_s: float = _MEASURED_S) -> Preview:
