@@ -73,8 +73,8 @@ class Simulator(Driver):
             "auto": adaptive where things go fast; where something is set before the first step, fixed.
         time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100, or 30 with
             "accurate" and "exact".
-        truth: what `truth` shall be able to tell: names of `clsim.frames.TRUTH_PLANES`, such as "depth", or "all". What is
-            recorded beside files alone, such as "imu", it cannot.
+        truth: what `truth` shall be able to tell: names of `clsim.frames.TRUTH_PLANES`, such as "depth", or "all".
+            Poses and inertial samples are for recordings alone.
 
     Raises:
         InputError: the scene or an option cannot be used.
