@@ -17,7 +17,7 @@ class InputError(Error, ValueError):
 
 
 class Notice(UserWarning):
-    """What the user should know of the machine, and what to do; the command line prints it as one sentence."""
+    """What the user should know of the machine or of a file; the command line prints it as one sentence."""
 
 
 def require_choice(name: str, value: object, choices: tuple[object, ...]) -> None:

@@ -68,13 +68,17 @@ def main() -> None:
 
 
 def _with_notices(show_others: Callable[..., None]) -> Callable[..., None]:
-    """Return what shows warnings: those of ours in one sentence, without a place in the code."""
+    """Return what shows warnings: those of ours once, in one sentence, without a place in the code."""
     from clsim.cli.spelling import as_options
     from clsim.errors import Notice
 
+    shown: set[str] = set()
+
     def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
         if issubclass(category, Notice):
-            print(f"clsim: {as_options(str(message))}", file=sys.stderr)
+            if str(message) not in shown:
+                shown.add(str(message))
+                print(f"clsim: {as_options(str(message))}", file=sys.stderr)
         else:
             show_others(message, category, *where)
 

@@ -50,7 +50,8 @@ def convert_events(
 ) -> Copied:
     """Copy all events with their labels, in bounded memory; returns how many. ``progress`` hears of each batch.
 
-    ``files`` says how a target file is written; ``strict`` refuses a source file whose events are out of order.
+    ``files`` says how a target file is written; ``strict`` refuses a source file whose events are out of order, or
+    whose end is missing.
 
     A target file is there in the end only if all was well, and what stood under its name stays until then. One that
     records a stream is written in place and kept, whatever ends it: a stream comes once. The sidecar comes along.

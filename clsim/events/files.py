@@ -128,7 +128,8 @@ def open_source(
 ) -> EventSource:
     """Open an event file, or a folder with truth, for reading in bounded memory; see EventSource.
 
-    `split_topic` tells how a topic of a bag or a group of HDF5 is named. ``strict`` makes events out of order an error.
+    `split_topic` tells how a topic of a bag or a group of HDF5 is named. ``strict`` makes events out of order
+    an error, and a missing end.
 
     Raises InputError for an unknown ending, a file that cannot be read or is not of its format, and one whose events
     have not all of ``labels``.

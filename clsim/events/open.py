@@ -29,8 +29,9 @@ def open_events(
         path_or_url: the file or address.
         labels: further fields of the batches, of "cause" and "object"; HDF5 and Parquet files that were written with
             them have these.
-        strict: whether events of a file that are out of order are an error. Else those up to 0.1 s late are put in
-            their place, and others left out; ``moved_events`` and ``dropped_events`` count them.
+        strict: whether events of a file that are out of order are an error, and a missing end too. Else those up to
+            0.1 s late are put in their place, and others left out; ``moved_events`` and ``dropped_events`` count them.
+            Of a file that seems cut, `clsim.errors.Notice` warns once all is read that can be.
 
     >>> for batch in clsim.open("events.aedat4"):  # doctest: +SKIP
     ...     print(batch["t"][0], len(batch))

@@ -40,6 +40,20 @@ def sidecar_size(about: dict[str, Any]) -> tuple[int, int] | None:
     return (width, height) if min(width, height) > 0 and max(width, height) <= 1 << 16 else None
 
 
+def sidecar_events(about: dict[str, Any]) -> int | None:
+    """Return how many events a sidecar of clsim tells of; -1 for a run that did not end, None for nothing."""
+    summary = about.get("summary")
+    if "clsim_version" not in about:
+        return None
+    if "converted_from" in about:
+        told = about.get("events")
+    elif isinstance(summary, dict):
+        told = summary.get("events")
+    else:
+        return -1 if about.get("complete") is False else None
+    return told if isinstance(told, int) and told >= 0 else None
+
+
 def write_sidecar(path: Path, info: dict[str, Any]) -> None:
     """Write ``info`` to the sidecar ``path`` so that a reader never sees half of one.
 

@@ -115,3 +115,15 @@ def test_a_film_is_as_slow_as_asked_for(clsim: Callable[..., Any], tmp_path: Pat
         how = "--to", tmp_path / "a.gif", "--video-fps", 5, "--speed", speed
         outcome = clsim("view", tmp_path / "a.npz", *how)
         assert outcome.status == 0 and f"{pictures} pictures" in outcome.stderr
+
+
+def test_a_file_that_is_cut_is_told_of_once_and_refused_if_strict(clsim: Callable[..., Any], tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("1 2 3 1\n5 6 7 0\n9 10")
+    sentence = f"clsim: {path}: ends within a line, so it may be cut"
+    done = clsim("convert", path, tmp_path / "b.dat")  # which reads it twice, once for its size
+    assert done.status == 0 and done.stderr.count(sentence) == 1 and "2 events" in done.stderr
+    for words in (("info", path), ("convert", path, tmp_path / "c.dat"), ("score", path, path)):
+        done = clsim(*words, "--strict")
+        assert done.status == 2 and f"{sentence}; expected a whole recording (refused by --strict)" in done.stderr
+    assert not (tmp_path / "c.dat").exists()

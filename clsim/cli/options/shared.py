@@ -108,8 +108,8 @@ STRICT_ORDER = Annotated[
     bool,
     advanced(
         "--strict",
-        help="Refuse files whose events are out of order, instead of putting in place what is up to 0.1 s late and "
-        "leaving out the rest.",
+        help="Refuse files whose end is missing or whose events are out of order, instead of reading what there is, "
+        "putting in place what is up to 0.1 s late and leaving out the rest.",
     ),
 ]
 LABELS = Annotated[bool | None, advanced("--labels", help=told("labels"))]

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
-from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
+from clsim.events.formats.filesource import CHUNK_EVENTS, CutShortError, EventSource, damaged, open_binary
 from clsim.events.formats.laps import Laps
 
 _SIZES = {
@@ -121,6 +121,8 @@ def _records(path: Path, header: _Header, width: int, height: int) -> Iterator[E
             events["t"], events["on"] = t, on
             events["x"], events["y"] = width - 1 - columns.astype(np.int64), height - 1 - rows.astype(np.int64)
             yield events[is_event]
+            if len(data) % size:
+                raise CutShortError("within an event")
 
 
 def _check(columns: npt.NDArray[np.uint32], rows: npt.NDArray[np.uint32], width: int, height: int) -> None:
@@ -137,11 +139,18 @@ def _packets(path: Path, header: _Header) -> Iterator[EventBatch]:
             if size < 0 or capacity < 0 or size * capacity > _LARGEST_PACKET or not 0 <= count <= capacity:
                 raise ValueError(f"a packet of {count} of {capacity} events of {size} bytes")
             if kind != _POLARITY:
-                file.seek(size * capacity, 1)
+                file.seek(max(0, size * capacity - 1), 1)
+                if size * capacity and not file.read(1):
+                    raise CutShortError("within a packet")
                 continue
             if size != _EVENT_BYTES:
                 raise ValueError(f"a polarity event of {size} bytes")
-            yield _polarity(file.read(size * capacity)[: size * count], laps)
+            data = file.read(size * capacity)
+            yield _polarity(data[: size * count], laps)
+            if len(data) < size * capacity:
+                raise CutShortError("within a packet")
+        if head:
+            raise CutShortError("within a packet")
 
 
 def _polarity(data: bytes, laps: int) -> EventBatch:

@@ -37,7 +37,7 @@ from clsim.events.formats.dv_stream import (
     parse_packet,
 )
 from clsim.events.formats.filesink import ByteFile, FileSink, FlushPolicy, Limits
-from clsim.events.formats.filesource import EventSource, damaged, open_binary
+from clsim.events.formats.filesource import CutShortError, EventSource, damaged, open_binary
 
 LIMITS = Limits("AEDAT4", size=MAX_SIDE)
 _LZ4_MAGIC = 0x184D2204
@@ -114,12 +114,13 @@ def read_frames(path: Path) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
     header, start = _read_header(path)
     if header.compression >= Compression.ZSTD:
         return
-    for owner, place, payload in _payloads(path, start, header):
-        if owner != header.stream_id:
-            with _naming_packet(path, place):
-                frame = parse_frame(payload(), header.compression)
-            if frame is not None:
-                yield frame
+    with contextlib.suppress(CutShortError):  # who reads the events tells of it
+        for owner, place, payload in _payloads(path, start, header):
+            if owner != header.stream_id:
+                with _naming_packet(path, place):
+                    frame = parse_frame(payload(), header.compression)
+                if frame is not None:
+                    yield frame
 
 
 def _read_header(path: Path) -> tuple[StreamHeader, int]:
@@ -157,14 +158,19 @@ def _naming_packet(path: Path, place: int) -> Iterator[None]:
 
 
 def _payloads(path: Path, start: int, header: StreamHeader) -> Iterator[tuple[int, int, Callable[[], bytes]]]:
-    """Yield the stream of each packet that is whole, its place, and a function that reads it; else it is skipped."""
+    """Yield the stream of each packet that is whole, its place, and a function that reads it; else it is skipped.
+
+    Raises CutShortError where the file ends within a packet, or before the data table that its header tells of.
+    """
     end = header.data_table_position
     with open_binary(path) as file:
         file.seek(start)
         while end < 0 or file.tell() < end:
             head = file.read(PACKET_HEAD.size)
-            if len(head) < PACKET_HEAD.size:
+            if not head and end < 0:
                 return
+            if len(head) < PACKET_HEAD.size:
+                raise CutShortError("within a packet" if head else "before its data table")
             owner, size = PACKET_HEAD.unpack(head)
             if end < 0 and owner == _LZ4_MAGIC:
                 return  # the writer was killed between data table and header: this is the table
@@ -172,7 +178,7 @@ def _payloads(path: Path, start: int, header: StreamHeader) -> Iterator[tuple[in
                 raise damaged(path, f"a packet of {size} bytes at byte {file.tell() - len(head)}")
             place = file.tell()
             if place + size > os.fstat(file.fileno()).st_size:
-                return
+                raise CutShortError("within a packet")
             yield owner, place, lambda size=size: file.read(size)  # type: ignore[misc]
             file.seek(place + size)
 
@@ -184,6 +190,8 @@ def _read_with_faery(path: Path, start: int, header: StreamHeader) -> Iterator[E
         for track, packet in decoder:
             if track.id == header.stream_id:
                 yield packet.astype(EVENT_DTYPE)
+    if path.stat().st_size < header.data_table_position:
+        raise CutShortError("before its data table")
 
 
 def _data_table(packets: list[tuple[int, ...]]) -> bytes:

@@ -5,6 +5,7 @@ Source: https://github.com/neuromorphicsystems/event_stream
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
 from clsim.events.formats.filesink import ByteFile, FileSink, FlushPolicy, Limits
-from clsim.events.formats.filesource import EventSource, damaged, open_binary
+from clsim.events.formats.filesource import CutShortError, EventSource, damaged, open_binary
 
 # An hour without events is 32 MB of time steps: the gap is bounded, not the time.
 LIMITS = Limits("ES", size=2**16 - 1, gap_us=2**32)
@@ -25,6 +26,7 @@ _VERSION = bytes([2, 0, 0])
 _DVS = 1
 _STEP_US = 127
 _EVENT_BYTES = 5
+_HEADER_BYTES = 20
 
 
 class EsSink(FileSink):
@@ -73,17 +75,32 @@ def open_source(path: Path) -> EventSource:
         )
     width, height = decoder.dimensions
 
-    return EventSource(path, width, height, _read(decoder, height))
+    return EventSource(path, width, height, _read(path, decoder, height))
 
 
-def _read(decoder: Any, height: int) -> Iterator[EventBatch]:
+def _read(path: Path, decoder: Any, height: int) -> Iterator[EventBatch]:
+    end, last_us = _HEADER_BYTES, 0
+    is_atis = decoder.event_type == "atis"
     with decoder:
         for packet in decoder:
-            if decoder.event_type == "atis":
+            if is_atis:
                 packet = packet[~packet["exposure"]]
             if len(packet) and int(packet["y"].max()) >= height:
                 raise ValueError(f"an event at y = {packet['y'].max()} lies outside the sensor's {height} pixels")
             events = empty_batch(len(packet))
             events["t"], events["x"], events["y"] = packet["t"], packet["x"], height - 1 - packet["y"]
-            events["on"] = packet["polarity" if decoder.event_type == "atis" else "on"]
+            events["on"] = packet["polarity" if is_atis else "on"]
+            if not is_atis and len(events):
+                steps = np.diff(events["t"], prepend=last_us) // _STEP_US
+                end, last_us = end + _EVENT_BYTES * len(events) + int(steps.sum()), int(events["t"][-1])
             yield events
+    if not is_atis and _ends_torn(path, end):
+        raise CutShortError("within an event")
+
+
+def _ends_torn(path: Path, end: int) -> bool:
+    """Tell whether a file has more than steps of time behind the last whole event, which ends at byte ``end``."""
+    with open_binary(path) as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(end, size - _EVENT_BYTES + 1))
+        return bool(file.read().strip(b"\xff"))

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
-from clsim.errors import InputError
+from clsim.errors import InputError, Notice
 from clsim.events.batch import CAUSES, EventBatch, Labels, gather
 from clsim.events.formats.columns import ColumnError
 from clsim.events.formats.order import Order
+from clsim.events.sidecar import read_sidecar, sidecar_events, sidecar_path
 
 CHUNK_EVENTS = 1 << 18
 """Readers yield about this many events at a time, at most."""
+
+
+class CutShortError(Exception):
+    """Raised by readers behind the last whole events of a file whose end is missing; its text says where it ends."""
 
 
 class EventSource:
@@ -22,9 +28,10 @@ class EventSource:
 
     ``labelled`` tells which labels stand beside events in the file; batches have a field for those that were asked for.
 
-    Damage found on the way raises InputError. The last record of a file whose writer was killed may be torn: it is
-    left out, and everything before it is delivered. Events out of order are put in their place or left out, and
-    counted (`clsim.events.formats.order`); after `be_strict` they are damage.
+    Damage found on the way raises InputError. The last record of a file that was cut, or whose writer was killed, may
+    be torn: everything before it is delivered, and a Notice tells of it, or of a sidecar that knows of other events.
+    Events out of order are put in their place or left out, and counted (`clsim.events.formats.order`). After
+    `be_strict` all of these are damage.
 
     Attributes:
         format: name of the format that the file turned out to have; None where its ending tells all.
@@ -54,14 +61,16 @@ class EventSource:
         self._labels = labels
         self._source = batches
         self._count = 0
+        self._ended = False
         self._dropped_events = dropped_events
         self._set_order(strict=False)
 
     def be_strict(self) -> None:
-        """Refuse events out of order from now on; nothing must have been read before."""
+        """Refuse events out of order and a missing end from now on; nothing must have been read before."""
         self._set_order(strict=True)
 
     def _set_order(self, *, strict: bool) -> None:
+        self._strict = strict
         self._order = Order(self.path, strict=strict)
         self._batches = self._order.of(self._source)
 
@@ -82,8 +91,16 @@ class EventSource:
     def __next__(self) -> EventBatch:
         """Return the next batch that has events."""
         while True:
-            with naming_damage(self.path):
-                batch = next(self._batches)
+            try:
+                with naming_damage(self.path):
+                    batch = next(self._batches)
+            except CutShortError as cut:
+                self._tell(f"ends {cut}, so it may be cut")
+                raise StopIteration from None
+            except StopIteration:
+                if not self._ended and (doubt := self._doubt()) is not None:
+                    self._tell(doubt)
+                raise
             if len(batch):
                 self._check(batch)
                 return batch
@@ -107,6 +124,25 @@ class EventSource:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         """Release the file."""
         self.close()
+
+    def _tell(self, doubt: str) -> None:
+        self._ended = True
+        if self._strict:
+            raise InputError(f"{self.path}: {doubt}; expected a whole recording (refused by `strict`)")
+        warnings.warn(f"{self.path}: {doubt}", Notice, stacklevel=1)
+
+    def _doubt(self) -> str | None:
+        """Return what the sidecar tells against a file that was read to its end, in words."""
+        self._ended = True
+        told = None if self._labels else sidecar_events(read_sidecar(self.path))
+        count = self._count + self.dropped_events
+        if told is None or told == count:
+            return None
+        sidecar = sidecar_path(self.path)
+        if told < 0:
+            return f"its run has not ended, or was killed, as {sidecar} tells, so that its last events may be missing"
+        why = "it may be cut" if count < told else "the two may be of different runs"
+        return f"has {count:,} events, but {sidecar} tells of {told:,}, so {why}"
 
     def _check(self, batch: EventBatch) -> None:
         if int(batch["t"][0]) < 0:
@@ -135,7 +171,7 @@ def naming_damage(path: Path) -> Iterator[None]:
         yield
     except ColumnError as error:
         raise InputError(f"{path}: {error}") from None
-    except (StopIteration, InputError, MemoryError):
+    except (StopIteration, CutShortError, InputError, MemoryError):
         raise
     except Exception as error:
         raise damaged(path, error) from error

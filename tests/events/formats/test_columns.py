@@ -175,6 +175,7 @@ def test_text_is_read_however_people_write_it(tmp_path: Path, name: str, text: s
     assert np.array_equal(found.read(), EVENTS)
 
 
+@pytest.mark.filterwarnings("ignore::clsim.errors.Notice")
 @pytest.mark.parametrize("mark", ["", "%geometry:240,180\n", "%geometry:240,180\nx,y,polarity,timestamp_us\n"])
 @pytest.mark.parametrize("count", [1, 3, COUNT])
 def test_metavisions_order_is_known_where_it_cannot_be_another(tmp_path: Path, mark: str, count: int) -> None:

@@ -207,6 +207,7 @@ def test_every_format_states_what_a_kill_costs():
     assert all("kill loses" in each.promise for each in FORMATS)
 
 
+@pytest.mark.filterwarnings("ignore::clsim.errors.Notice")
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_a_file_cut_anywhere_gives_its_first_events_or_one_sentence(tmp_path, ending):
     batch = events(400)
@@ -226,6 +227,7 @@ def test_a_file_cut_anywhere_gives_its_first_events_or_one_sentence(tmp_path, en
         assert len(counts) > 5  # what is whole is delivered
 
 
+@pytest.mark.filterwarnings("ignore::clsim.errors.Notice")
 @pytest.mark.parametrize("ending", [".txt", ".csv"])
 def test_a_line_of_text_that_a_kill_tore_is_left_out_wherever_it_ends(tmp_path, ending):
     batch = events(20)
@@ -237,6 +239,7 @@ def test_a_line_of_text_that_a_kill_tore_is_left_out_wherever_it_ends(tmp_path, 
         assert np.array_equal(read(tmp_path / f"cut{ending}"), batch[:left]), whole[size - 9 : size]
 
 
+@pytest.mark.filterwarnings("ignore::clsim.errors.Notice")
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_damaged_bytes_never_raise_anything_but_input_errors(tmp_path, ending):
     rng = np.random.default_rng(3)
@@ -325,6 +328,7 @@ def test_the_sidecar_is_whole_or_absent(tmp_path):
         write_sidecar(tmp_path / "missing" / "a.json", {})
 
 
+@pytest.mark.filterwarnings("ignore::clsim.errors.Notice")
 def test_text_is_read_however_people_write_it(tmp_path):
     expected = np.array([(1_000_000_001, 3, 4, True), (1_000_000_002, 5, 6, False)], EVENT_DTYPE)
     for name, text in {

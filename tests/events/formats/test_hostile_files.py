@@ -18,6 +18,8 @@ from clsim.events.sidecar import read_sidecar, sidecar_path, sidecar_size
 from clsim.events.sockets.address import parse_address
 from tests.events.event_data import ENDINGS, HEIGHT, WIDTH, events, read, write
 
+pytestmark = pytest.mark.filterwarnings("ignore::clsim.errors.Notice")
+
 edits = st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=0, max_size=8), st.integers(0, 8)), max_size=6)
 
 

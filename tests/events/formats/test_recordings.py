@@ -90,6 +90,7 @@ def evt(encoding: Encoding) -> tuple[bytes, bytes]:
     ).tobytes()
 
 
+@pytest.mark.filterwarnings("ignore::clsim.errors.Notice")
 @pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt21-legacy", "evt4"])
 def test_raw_files_tell_their_encoding(tmp_path: Path, encoding: Encoding) -> None:
     head, words = evt(encoding)
@@ -261,6 +262,7 @@ def test_event_stream_of_an_atis_gives_its_changes(tmp_path: Path) -> None:
     assert found.tolist() == [(1, 1, 1, True), (3, 3, 1, False), (4, 0, 1, True)]
 
 
+@pytest.mark.filterwarnings("ignore::clsim.errors.Notice")
 @pytest.mark.parametrize("ending", [ending for each in ONLY_READ for ending in each.endings])
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.binary(max_size=400), whole=st.sampled_from([b"", b"#!AER-DAT2.0\r\n", aedat3(), aedat2("x.DVS128", X)]))

@@ -16,7 +16,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
 from clsim.events.formats.filesink import ByteFile, FileSink, FlushPolicy, Limits
-from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
+from clsim.events.formats.filesource import CHUNK_EVENTS, CutShortError, EventSource, damaged, open_binary
 from clsim.events.formats.laps import Laps
 
 LIMITS = Limits("DAT", size=2**14, end_us=2**32)
@@ -91,3 +91,5 @@ def _read(path: Path, start: int, version: int) -> Iterator[EventBatch]:
             events["y"] = words[:, 1] >> x_bits & ((1 << y_bits) - 1)
             events["on"] = words[:, 1] >> on_at & (0xF if version == 2 else 1)
             yield events
+            if len(data) % _EVENT_BYTES:
+                raise CutShortError("within an event")

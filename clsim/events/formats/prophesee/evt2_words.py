@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.events.batch import EventBatch, empty_batch
-from clsim.events.formats.filesource import open_binary
+from clsim.events.formats.filesource import CutShortError, open_binary
 from clsim.events.formats.laps import Laps
 
 Encoding = Literal["evt2", "evt21", "evt21-legacy", "evt4"]
@@ -48,6 +48,11 @@ class Evt2Decoder:
         self._high = -1
         self._laps = Laps(1 << _HIGH_BITS)
         self._rest = np.empty(0, "<u4")
+
+    @property
+    def waits(self) -> bool:
+        """Whether the last word needs one that follows."""
+        return len(self._rest) > 0
 
     def decode(self, data: bytes) -> EventBatch:
         """Return the events of a block of whole words, which follows those before."""
@@ -112,9 +117,16 @@ class Evt2Decoder:
 
 
 def decode_file(path: Path, start: int, decoder: Evt2Decoder) -> Iterator[EventBatch]:
-    """Yield the events of a file whose first word is at byte ``start``; a torn last word is left out."""
+    """Yield the events of a file whose first word is at byte ``start``.
+
+    Raises CutShortError where the last word is torn, or the one that belongs to it is missing.
+    """
     size = decoder.word_bytes
     with open_binary(path) as file:
         file.seek(start)
         while data := file.read(_BLOCK_BYTES):
             yield decoder.decode(data[: len(data) // size * size])
+            if len(data) % size:
+                raise CutShortError("within a word")
+    if decoder.waits:
+        raise CutShortError("within a vector of events")

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.events.batch import EventBatch, empty_batch
-from clsim.events.formats.filesource import open_binary
+from clsim.events.formats.filesource import CutShortError, open_binary
 
 ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8 = 0x0, 0x2000, 0x3000, 0x4000, 0x5000
 TIME_LOW, TIME_HIGH = 0x6000, 0x8000
@@ -68,11 +68,13 @@ class Evt3Encoder:
 
 
 def decode_file(path: Path, start: int, decoder: Evt3Decoder) -> Iterator[EventBatch]:
-    """Yield the events of an EVT3 file whose first word is at byte ``start``; a torn last word is left out."""
+    """Yield the events of an EVT3 file whose words begin at byte ``start``; CutShortError tells of a torn last one."""
     with open_binary(path) as file:
         file.seek(start)
         while data := file.read(2 * _BLOCK_WORDS):
             yield decoder.decode(np.frombuffer(data, "<u2", len(data) // 2))
+            if len(data) % 2:
+                raise CutShortError("within a word")
 
 
 class Evt3Decoder:

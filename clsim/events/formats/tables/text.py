@@ -21,7 +21,7 @@ from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
 from clsim.events.formats.columns import NAMES, check_unnamed, find_columns, from_columns
 from clsim.events.formats.filesink import ByteFile, FileSink, FlushPolicy, Limits
-from clsim.events.formats.filesource import EventSource, damaged, open_binary
+from clsim.events.formats.filesource import CutShortError, EventSource, damaged, open_binary
 
 LIMITS = Limits("text", size=2**16)
 _CHUNK_BYTES = 1 << 21
@@ -202,7 +202,10 @@ def _read(path: Path, table: _Table) -> Iterator[EventBatch]:
 
 
 def _whole_lines(path: Path, file: BinaryIO) -> Iterator[bytes]:
-    """Yield blocks of whole lines; a last line that a kill tore (no newline and fewer than four fields) is left out."""
+    """Yield blocks of whole lines.
+
+    Raises CutShortError instead of a last line that is torn: no newline and fewer than four fields.
+    """
     rest = b""
     while data := file.read(_CHUNK_BYTES):
         data = rest + data
@@ -214,6 +217,8 @@ def _whole_lines(path: Path, file: BinaryIO) -> Iterator[bytes]:
         rest = data[end:]
     if len(re.findall(rb"[^\s,;]+", rest)) >= 4:
         yield rest
+    elif rest.strip() and not rest.lstrip().startswith(b"#"):
+        raise CutShortError("within a line")
 
 
 def _parse(path: Path, body: bytes, table: _Table, row: int) -> EventBatch:
