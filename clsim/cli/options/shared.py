@@ -28,7 +28,7 @@ CONFIG = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Options from a TOML or JSON file, by their names in Python (all are in docs/reference/python.md), such "
+        help="Options from a TOML or JSON file, by their names in Python, which help(clsim.stream) explains, such "
         "as pose_rate = 100. The .json beside what an earlier run wrote is that run again. Options given here win.",
     ),
 ]

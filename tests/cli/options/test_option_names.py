@@ -110,7 +110,8 @@ def test_the_text_of_an_option_is_that_of_its_field() -> None:
     assert told("spp").endswith(", at most. [the quality's]")
     assert told("governor") == "With --pace real, render less rather than fall behind. [yes]"
     assert told("loop").endswith("for ever or until --duration.")
-    assert told("duration_s", "Such as 2s.") == "Simulated time [s], rounded to whole frames. Such as 2s. [the scene's motion, once]"
+    duration = "Simulated time [s], rounded to whole frames. Such as 2s. [the scene's motion, once]"
+    assert told("duration_s", "Such as 2s.") == duration
     assert told("floor", default="the frames'") == "Smallest luminance after scaling. [the frames']"
     assert told("RecordedSensor.seed") == "Seed of the sensor's random numbers. [0]" != told("seed")
 
