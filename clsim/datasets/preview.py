@@ -57,7 +57,7 @@ class Preview:
         """What the user wants to know."""
         lost = f"; attempts that were not kept: {self.rejected}" if self.rejected else ""
         return (
-            f"{self.samples} samples are on {self.sheet}{lost}",
+            f"{self.samples} {'sample is' if self.samples == 1 else 'samples are'} on {self.sheet}{lost}",
             f"all sequences will take about {_time_text(self.cpu_hours)} of CPU time, {_time_text(self.hours)} on this "
             f"machine, and {_size_text(self.gigabytes)}; kernels that are new are compiled first",
         )
