@@ -5,6 +5,7 @@ Nothing here needs PyTorch; ``pytorch.py`` makes an `IterableDataset` of `Slices
 
 from __future__ import annotations
 
+import os
 import tarfile
 import tempfile
 from collections.abc import Iterator
@@ -37,7 +38,7 @@ class Sequence:
         import h5py
 
         path = Path(path)
-        if not path.exists():
+        if not os.path.exists(path):
             raise InputError(f"{path}: no such file or folder; expected a sequence of a data set")
         path = path / "events.h5" if path.is_dir() else path
         if path.with_name("sequence.dsec").is_dir() and not path.exists():
@@ -227,7 +228,7 @@ class Slices:
 
 def _nothing(folder: Path, split: str) -> str:
     """Return why there is nothing to read."""
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         return f"{folder}: no such folder"
     splits = {done.split for done in scan(folder) if done.kept}
     splits |= {shard.name.partition("-")[0] for shard in folder.glob("*-*.tar")}

@@ -191,8 +191,8 @@ def read_format_of(path: Path) -> FileFormat:
     for candidate in (*FORMATS, *ONLY_READ):
         if path.name.lower().endswith(candidate.endings):
             return candidate
-    if path.is_dir():
-        is_set = (path / "dataset.json").is_file()
+    if os.path.isdir(path):
+        is_set = os.path.isfile(path / "dataset.json")
         hint = "; to read a data set, use clsim.datasets.load.Slices, or name a file in it" if is_set else ""
         raise InputError(f"{path}: is a folder, expected a file of events{hint}")
     raise InputError(

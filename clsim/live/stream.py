@@ -184,7 +184,7 @@ def stream(
 
     Args:
         scene: name of a bundled scene, a scene file, or a World, which has its own resolution and camera.
-        duration_s: simulated time [s]; None plays the motion once.
+        duration_s: simulated time [s], rounded to whole frames; None plays the motion once.
         frame_count: number of frames, instead of a duration.
         loop: start the motion anew at its end, for ever or until ``duration_s``.
         fps, resolution, camera_path, camera_axes, camera_interpolation: as in `clsim.Simulator`.

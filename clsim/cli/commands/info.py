@@ -74,7 +74,7 @@ def _facts(what: str, strict: bool) -> dict[str, Any]:
     name = str(split_topic(what)[0]).lower()
     if os.path.isdir(what) and (kind := recording_kind(what)) is not None:
         return {"events": _events(what, kind.name, strict)} | _truth(what)
-    if what not in bundled_scenes() and Path(what, DATASET).is_file():
+    if what not in bundled_scenes() and os.path.isfile(Path(what, DATASET)):
         return {"data set": _data_set(Path(what))}
     if name.endswith(FILE_ENDINGS) or (what not in bundled_scenes() and Path(what).is_dir() and is_footage(what)):
         return {"footage": _footage(what)}
