@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
-from clsim.errors import InputError, Notice
+from clsim.errors import Error, InputError, Notice
 from clsim.events.batch import CAUSES, EventBatch, Labels, gather
 from clsim.events.formats.columns import ColumnError
 from clsim.events.formats.order import Order
@@ -19,7 +19,7 @@ CHUNK_EVENTS = 1 << 18
 """Readers yield about this many events at a time, at most."""
 
 
-class CutShortError(Exception):
+class CutShortError(Error):
     """Raised by readers behind the last whole events of a file whose end is missing; its text says where it ends."""
 
 
