@@ -22,6 +22,7 @@ from clsim.live.noise.significance import Significance
 from clsim.live.options import LiveOptions
 from clsim.live.outputs.delivery import Output
 from clsim.live.outputs.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
+from clsim.live.outputs.silence import Silence
 from clsim.live.outputs.summary import Summary
 from clsim.live.pacing.governed import Governed
 from clsim.live.pacing.ladder import Level, ladder
@@ -80,6 +81,11 @@ class Session:
     meter: LightMeter | None = None
     """What sees whether there is light enough for the sensor, if it needs light."""
     started: bool = False
+
+    def __post_init__(self) -> None:
+        """Let the run's frames tell why there are no events, if there are none."""
+        self.silence = Silence(self.pipeline.progress, self.about, self.world)
+        self.pipeline.watchers.append(self.silence)
 
     def start(self) -> None:
         """Write the sidecars, which a kill leaves as they are then, and start the pipeline.
@@ -159,6 +165,7 @@ class Session:
             motion=None if self.footage is None else self.footage.displacement.as_dict(),
             chosen=self.chosen,
             too_dark=None if self.meter is None else self.meter.told,
+            no_events=None if self.meter is not None and self.meter.told else self.silence.told,
             outputs=[_output_summary(output) for output in self.pipeline.outputs],
         )
 

@@ -62,7 +62,7 @@ def load_world(
         world = _warned(_load(scene, motion))
         if strict and world.warnings:
             raise InputError("\n".join(f"{sentence} (refused by strict)" for sentence in world.warnings))
-        if not _lit(world):
+        if not is_lit(world):
             dark = f"{world.name}: the scene has no light, so nothing fires: add one, in a TOML such as [environment]"
             world = replace(world, warnings=(*world.warnings, dark))
         if resolution is not None:
@@ -84,7 +84,7 @@ def _warned(world: World) -> World:
     return replace(world, warnings=(*world.warnings, sentence))
 
 
-def _lit(world: World) -> bool:
+def is_lit(world: World) -> bool:
     """Tell whether there is any light: the sky's, a lamp's, or that of a surface that emits."""
     lamps = [light.radiance for light in world.sphere_lights] + [light.intensity for light in world.punctual_lights]
     if any(map(any, (world.environment, *lamps))) or world.environment_map is not None:

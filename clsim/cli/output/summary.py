@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.text import Text
 
 from clsim.cli.output.words import events_text, percent_text, real_time_share, size_text
+from clsim.cli.spelling import as_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -61,6 +62,8 @@ def print_losses(console: Console, summary: dict[str, Any]) -> None:
         say(f"clsim: {summary['lost_events']:,} events were lost in the sensor's readout: it was too busy")
     if summary["too_dark"]:
         say(f"clsim: {summary['too_dark']}")
+    if summary["no_events"]:
+        say(f"clsim: {as_options(summary['no_events'])}")
     noise = summary["noise_share"]
     if noise is not None and noise > _MUCH_NOISE:
         say(
@@ -92,6 +95,8 @@ def _hint(session: Session, summary: dict[str, Any]) -> str | None:
     if summary["steep_pixels"] > _COARSE_SHARE * max(summary["events"], 1):
         finer = session.schedule.fps * math.ceil(summary["most_crossings"] / 3)
         return f"brightness changes fast between frames: --fps {finer:g} places events in time more exactly"
+    if not summary["events"] and summary["frames"] > 1 and session.world and session.world.moving_s() == 0:
+        return "nothing moves here, and no light changes: --camera-path moves the camera"
     files = [o["name"] for o in summary["outputs"] if "error" not in o and Path(o["name"]).is_file()]
     if files and summary["events"]:
         return f"to look at it: clsim view {files[0]}"

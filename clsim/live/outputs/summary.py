@@ -38,6 +38,7 @@ class Summary:
             found again, and ``largest_px``; None but for video and pictures.
         chosen: what was chosen and why, a sentence each.
         too_dark: a sentence, where half of the first picture is too dark for the sensor; else None.
+        no_events: a sentence on why there are none, as far as it is known and nothing else tells of it; else None.
         outputs: for each output its ``name``, its ``error`` if it failed, and figures of its own.
     """
 
@@ -70,6 +71,7 @@ class Summary:
     motion: dict[str, float] | None
     chosen: tuple[str, ...]
     too_dark: str | None
+    no_events: str | None
     outputs: list[dict[str, Any]]
 
     def as_dict(self) -> dict[str, Any]:

@@ -12,7 +12,10 @@ from clsim.cli.output import status
 from clsim.cli.output.status import status_line
 from clsim.cli.output.summary import print_losses, print_summary
 from clsim.live.options import LiveOptions
+from clsim.live.outputs.silence import Silence
+from clsim.live.sensors import LightMeter
 from clsim.live.session import Session, open_live
+from clsim.sensor import load_sensor
 
 
 def told_at_the_end(session: Session, *, terminal: bool = True, **changes: object) -> str:
@@ -89,11 +92,29 @@ def test_what_was_lost_is_always_told(session: Session) -> None:
 
 def test_each_loss_is_told_alone(session: Session) -> None:
     busy, dark = "1,234 events were lost in the sensor's readout", "clsim: here is no light"
+    still = "clsim: nothing changed; --threshold is one"
     losses = {"events": 0, "lost_events": 0, "capped_events": 0, "too_dark": None}
-    for changes, said in (({}, []), ({"lost_events": 1234}, [busy]), ({"events": 9, "too_dark": dark[7:]}, [dark])):
+    cases = [
+        ({}, []), ({"lost_events": 1234}, [busy]), ({"events": 9, "too_dark": dark[7:]}, [dark]),
+        ({"no_events": "nothing changed; `threshold` is one"}, [still]),
+    ]  # fmt: skip
+    for changes, said in cases:
         text = told_at_the_end(session, terminal=False, **(losses | changes))
-        assert [sentence for sentence in (busy, dark) if sentence in text] == said
+        assert [sentence for sentence in (busy, dark, still) if sentence in text] == said
         assert text.count("clsim:") == len(said)
+
+
+def test_a_run_looks_for_why_it_has_no_events_and_says_so_unless_it_is_too_dark(session: Session) -> None:
+    progress = session.pipeline.progress
+    assert session.silence in session.pipeline.watchers and session.summary().no_events is None
+    progress.frames = 9
+    assert told_at_the_end(session, frames=9).splitlines()[-1].startswith("nothing moves here, and no light changes")
+    assert "nothing moves" not in told_at_the_end(session, frames=9, events=1)
+    session.silence = Silence(progress, session.about, None)
+    assert "brightness changed by the threshold" in str(session.summary().no_events)
+    session.meter = LightMeter(load_sensor("davis346"), 100.0)
+    session.meter.told = "it is dark"
+    assert session.summary().no_events is None
 
 
 def test_noise_is_told_where_it_is_more_than_a_tenth(session: Session) -> None:

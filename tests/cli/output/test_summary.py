@@ -11,7 +11,7 @@ from clsim.live.session import Session
 
 
 def hint(fps: float = 100.0, **told: Any) -> str | None:
-    summary = {"steep_pixels": 0, "events": 10, "most_crossings": 0, "outputs": []} | told
+    summary = {"steep_pixels": 0, "frames": 1, "events": 10, "most_crossings": 0, "outputs": []} | told
     return _hint(cast(Session, SimpleNamespace(schedule=SimpleNamespace(fps=fps))), summary)
 
 
