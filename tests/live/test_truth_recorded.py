@@ -97,7 +97,7 @@ def test_labels_tell_cause_and_object_in_every_file_that_holds_them(tmp_path: Pa
         ({"truth": "colour"}, r"`truth` 'colour' is unknown; expected all, none, or of intensity"),
         ({"truth": "depth", "outputs": "a.npz"}, r"`truth` needs an output that can hold it.*\.h5"),
         ({"truth": "distance", "outputs": "a.dsec"}, r"`truth` distance fits none.*\.h5"),
-        ({"truth": "depth", "outputs": "a.h5", "frame_rate": 50.0}, r"`frame_rate` must go into the 120 frames"),
+        ({"truth": "depth", "outputs": "a.h5", "frame_rate": 50.0}, r"`fps` \(120\) must be a multiple of `frame_"),
         ({"truth": "depth", "outputs": "a.h5", "loop": True}, "without `loop`"),
         ({"frame_rate": 30.0}, "`frame_rate` is that of `truth`"),
         ({"truth": "imu", "outputs": "a.h5", "imu_rate": 0.0}, "`imu_rate` must be positive"),
