@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -78,10 +78,17 @@ class FileOptions:
             raise InputError(f"{error}; or name the format with `format`") from None
 
 
-def open_outputs(names: Sequence[str], width: int, height: int, options: FileOptions) -> dict[str, Sink]:
+def open_outputs(
+    names: Sequence[str],
+    width: int,
+    height: int,
+    options: FileOptions,
+    open_one: Callable[[str], Sink] | None = None,
+) -> dict[str, Sink]:
     """Open all outputs of a run, by name; raises InputError, before any file is touched, if one of them cannot be.
 
     Opening a file replaces what was there, so the files come last: nothing may be lost because another output is wrong.
+    ``open_one`` opens each; by default it is `open_output`.
     """
     ordered = sorted(names, key=lambda name: not is_address(name))
     places: dict[str, str] = {}
@@ -95,7 +102,7 @@ def open_outputs(names: Sequence[str], width: int, height: int, options: FileOpt
     sinks: dict[str, Sink] = {}
     try:
         for name in ordered:
-            sinks[name] = open_output(name, width, height, options)
+            sinks[name] = open_output(name, width, height, options) if open_one is None else open_one(name)
     except BaseException:
         for sink in sinks.values():
             sink.close()

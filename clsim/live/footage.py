@@ -19,11 +19,12 @@ from clsim.footage.open import open_footage
 from clsim.footage.source import Footage, Reading
 from clsim.footage.times import read_times_us
 from clsim.frames import Frame, SourceEnded, page_aligned
+from clsim.live.outputs.opening import open_sinks
 from clsim.live.outputs.sidecars import about_run
 from clsim.live.pacing.schedule import Schedule
 from clsim.live.pipeline import Pipeline
 from clsim.live.sensors import RecordedSensor, cost_of
-from clsim.live.session import Session, now, open_sinks
+from clsim.live.session import Session, now
 from clsim.live.stages import detector_maker, unused_options
 from clsim.sensor.settings import SensorSettings
 from clsim.values import from_plain, read_fields

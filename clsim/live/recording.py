@@ -22,19 +22,15 @@ from clsim.truth.world_facts import material_names, object_motions, object_names
 
 def recorder_openers(
     options: OutputSettings, seed: int, world: World, schedule: Schedule, about: dict[str, Any], every: int
-) -> dict[str, Callable[[], TruthRecorder]]:
-    """Return, for each output that takes truth, what opens it; raises InputError where one could not be."""
+) -> dict[str, Callable[[str], TruthRecorder]]:
+    """Return, for each output that takes truth, what opens it at a place; raises InputError where one could not be."""
     if not options.truth:
         return {}
     names = [name for name in options.outputs if layout_of(name) is not None]
     for name in names:
         check_place(name)
     plan = _plan(options, seed, world, schedule, about, every)
-
-    def opener(name: str) -> Callable[[], TruthRecorder]:
-        return lambda: TruthRecorder(plan, open_layout(name, plan.about))
-
-    return {name: opener(name) for name in names}
+    return dict.fromkeys(names, lambda place: TruthRecorder(plan, open_layout(place, plan.about)))
 
 
 def _plan(

@@ -6,14 +6,14 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clsim.events import Reporting, Sink, SinkError
-from clsim.events.outputs import FileOptions, open_outputs
-from clsim.events.sidecar import sidecar_path, write_sidecar
+from clsim.events.sidecar import write_sidecar
 from clsim.footage.source import Footage
 from clsim.frames import VARIANCE_PLANES, InterestBoard
 from clsim.live.noise.duplicate_patches import DuplicatePatches, patches_for
@@ -21,6 +21,7 @@ from clsim.live.noise.duplicate_sampling import DUPLICATE_EVERY, DuplicatePixels
 from clsim.live.noise.significance import Significance
 from clsim.live.options import LiveOptions
 from clsim.live.outputs.delivery import Output
+from clsim.live.outputs.opening import open_sinks
 from clsim.live.outputs.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
 from clsim.live.outputs.silence import Silence
 from clsim.live.outputs.summary import Summary
@@ -90,19 +91,24 @@ class Session:
     def start(self) -> None:
         """Write the sidecars, which a kill leaves as they are then, and start the pipeline.
 
+        Where a file is to be replaced, it and what is beside it are written when the first frame is there.
+
         Raises:
             InputError: a sidecar cannot be written; the outputs are closed then.
         """
         self.started = True
         try:
-            self._write_sidecars(complete=False)
             for output in self.pipeline.outputs:
-                if output.sidecar is not None and self.world is not None:
-                    output.poses = PoseFile(poses_path(output.name), self.world.camera, self.schedule)
+                output.at_first_frame(partial(self._begin, output))
             self.pipeline.start()
         except BaseException:
             self.pipeline.stop()
             raise
+
+    def _begin(self, output: Output) -> None:
+        self._write_sidecar(output, complete=False)
+        if output.sidecar is not None and self.world is not None:
+            output.poses = PoseFile(poses_path(output.name), self.world.camera, self.schedule)
 
     def run(self) -> Summary:
         """Run from the start to the end and return what was done.
@@ -171,15 +177,17 @@ class Session:
 
     def write_sidecars(self, *, complete: bool) -> None:
         """Write NAME.json beside every output that is a file, with the summary of a run that has ended."""
-        self._write_sidecars(complete=complete, summary=self.summary().as_dict())
-
-    def _write_sidecars(self, **more: Any) -> None:
+        summary = self.summary().as_dict()
         for output in self.pipeline.outputs:
-            if output.sidecar is not None:
-                poses = {} if self.world is None else {"poses": poses_path(output.name).name}
-                scene = scene_from_here(self.about, output.sidecar.parent)
-                told = {"warnings": list(self.warnings)}
-                write_sidecar(output.sidecar, self.about | scene | poses | told | more)
+            if not output.waits:
+                self._write_sidecar(output, complete=complete, summary=summary)
+
+    def _write_sidecar(self, output: Output, **more: Any) -> None:
+        if output.sidecar is not None:
+            poses = {} if self.world is None else {"poses": poses_path(output.name).name}
+            scene = scene_from_here(self.about, output.sidecar.parent)
+            told = {"warnings": list(self.warnings)}
+            write_sidecar(output.sidecar, self.about | scene | poses | told | more)
 
 
 @dataclass(frozen=True)
@@ -361,31 +369,14 @@ def _cpu_s() -> float:
     return sum(os.times()[:4])
 
 
-def open_sinks(
-    names: Sequence[str],
-    options: FileOptions,
-    extra_sinks: Sequence[Sink],
-    size: tuple[int, int],
-    own: Mapping[str, Callable[[], Sink]] = MappingProxyType({}),
-) -> list[Output]:
-    """Open the outputs of a run, ``own`` last: not for events alone. Closes ``extra_sinks`` if one cannot be opened."""
-    try:
-        sinks = open_outputs([name for name in names if name not in own], *size, options)
-        sinks |= {name: open_one() for name, open_one in own.items()}
-    except BaseException:
-        for sink in extra_sinks:
-            sink.close()
-        raise
-    outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(extra_sinks)]
-    return outputs + [Output(name, sink, sidecar=sidecar_path(name)) for name, sink in sinks.items()]
-
-
 def _output_summary(output: Output) -> dict[str, Any]:
     info: dict[str, Any] = {"name": output.name}
     if isinstance(output.sink, Reporting):
         info |= output.sink.report()
     if output.error is not None:
         info["error"] = output.error
+    if output.waits:
+        info["replaced"] = False
     return info
 
 

@@ -42,7 +42,7 @@ def print_summary(console: Console, session: Session, summary: dict[str, Any]) -
     if summary["late_frames"] or summary["dropped_frames"]:
         say(f"{summary['late_frames']:,} frames came late, {summary['dropped_frames']:,} were dropped")
     for output in summary["outputs"]:
-        say(f"→ {output['name']}" + (f": {output['error']}" if "error" in output else _size(output["name"])))
+        say(f"→ {output['name']}" + _outcome(output))
     hint = _hint(session, summary)
     if hint is not None and console.is_terminal:
         say(Text(hint, style="dim"))
@@ -103,6 +103,12 @@ def _hint(session: Session, summary: dict[str, Any]) -> str | None:
     if not summary["outputs"]:
         return "to keep the events: --out events.aedat4"
     return None
+
+
+def _outcome(output: dict[str, Any]) -> str:
+    if "error" in output:
+        return f": {output['error']}"
+    return _size(output["name"]) if output.get("replaced", True) else ": was not replaced, for there was no frame yet"
 
 
 def _size(name: str) -> str:

@@ -13,6 +13,7 @@ from typing import Protocol, runtime_checkable
 
 from clsim.errors import Error, InputError
 from clsim.events import Causes, EventBatch, Labelling, Objects, Sink, SinkError
+from clsim.events.formats.filesink import PartFile
 from clsim.events.sockets.closing import close_at_once
 from clsim.frames import Frame
 from clsim.live.outputs.sidecars import PoseFile
@@ -46,14 +47,38 @@ class Output:
     sidecar: Path | None = None
     poses: PoseFile | None = None
     """Where the camera's pose at each frame goes, if it goes anywhere."""
+    part: PartFile | None = None
+    """What is written at first, where a file of that name is there; it takes the name with the first frame."""
     closed: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
     """Held while the sink is at work."""
+    _waiting: Callable[[], None] | None = field(default=None, repr=False)
+
+    @property
+    def waits(self) -> bool:
+        """Whether the file that was there is still the older one, for want of a frame."""
+        return self._waiting is not None
+
+    def at_first_frame(self, use: Callable[[], None]) -> None:
+        """Call ``use`` once the file has its name: now, or at `begin`."""
+        if self.part is None:
+            use()
+        else:
+            self._waiting = use
+
+    def begin(self) -> None:
+        """Take note of a frame: with the first one, the file takes its name."""
+        if self._waiting is not None and self.part is not None:
+            self.attempt(self.part.complete)
+            self.attempt(self._waiting)
+            self._waiting = None
 
     def fail(self, error: Exception) -> None:
         """Keep the first error, in words."""
         if self.error is None:
             self.error = str(error) if isinstance(error, Error | OSError) else f"{self.name}: {error!r}"
+            if self.part is not None:
+                self.error = self.error.replace(str(self.part.part), self.name)
             self.reader_left = isinstance(error.__cause__ or error, BrokenPipeError)
 
     def attempt(self, use: Callable[[], None]) -> None:
@@ -79,6 +104,8 @@ class Output:
                 if self.poses is not None:
                     with contextlib.suppress(OSError):  # what was lost of them was told when it was written
                         self.poses.close()
+                if self.part is not None:
+                    self.part.discard()
                 self.closed = True
 
 
@@ -104,6 +131,7 @@ class Delivery:
         if self._labeller is not None:
             self._objects = self._labeller.label(frame, events)["object"]
         for output in self.outputs:
+            output.begin()
             if output.poses is not None:
                 output.attempt(partial(output.poses.add, frame.index))
             if isinstance(output.sink, Recorder):
