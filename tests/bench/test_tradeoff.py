@@ -279,3 +279,11 @@ def test_the_reference_is_made_finer_until_it_has_converged_and_that_is_told(tmp
 def test_a_sweep_is_of_the_seeds_that_are_asked_for(tmp_path: Path, quick: bool, seeds: tuple[int, ...]) -> None:
     sweep = tradeoff.Sweep(TradeoffOptions("two-boxes", tmp_path, quick=quick, seeds=seeds), ignore)
     assert len(sweep.points) >= 12 and {point.rendering.seed for point in sweep.points} == set(seeds)
+
+
+@pytest.mark.parametrize("fps", [None, 20.0])
+def test_a_sweep_has_the_frame_rate_that_is_asked_for_or_else_the_scenes(tmp_path: Path, fps: float | None) -> None:
+    sweep = tradeoff.Sweep(TradeoffOptions("two-boxes", tmp_path, quick=True, fps=fps), ignore)
+    wanted = fps or load_world("two-boxes").fps
+    assert wanted != 20.0 or fps
+    assert sweep.fps == sweep.reference_options.fps == wanted
