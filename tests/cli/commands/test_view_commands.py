@@ -19,6 +19,7 @@ import pytest
 from PIL import Image
 
 import clsim as library
+from clsim.cli.commands import view
 from clsim.cli.output import watch
 from clsim.errors import InputError
 from clsim.events import CAUSES
@@ -92,6 +93,11 @@ def test_pictures_longer_than_the_recording_are_told(
         outcome = clsim("view", recording, "--to", tmp_path / "a.png", "--accumulate", accumulate)
         said = f"--accumulate {accumulate} is longer than the recording"
         assert outcome.status == 0 and (said in outcome.stderr) == longer
+
+
+def test_a_recording_is_as_long_as_all_of_its_batches() -> None:
+    times = view._Times()
+    assert sum(map(len, times.of(np.array_split(EVENTS, 3)))) == 2000 and times.span_us == np.ptp(EVENTS["t"])
 
 
 @pytest.mark.parametrize("command", ["live", "render", "view", "score"])
