@@ -91,8 +91,10 @@ def test_any_slice_of_time_has_its_events(folder):
         with pytest.raises(InputError, match="no truth 'flow', but depth, t"):
             sequence.truth("flow", 0)
         assert (sequence.truth("depth", -1) == 4).all()
-        with pytest.raises(InputError, match="has 5 frames of truth, got frame 5"):
-            sequence.truth("depth", 5)
+        np.testing.assert_array_equal(sequence.truth("depth", -5), sequence.truth("depth", 0))
+        for frame in (5, -6):
+            with pytest.raises(InputError, match=f"has 5 frames of truth, got frame {frame}"):
+                sequence.truth("depth", frame)
 
 
 def test_a_sequence_that_is_not_there_is_told(tmp_path):
