@@ -58,7 +58,9 @@ def test_ranges(tmp_path, pixels, limited, black, white, dtype):
     path = write_clip(
         tmp_path / "a.mkv", [luma if pixels == "gray" else (luma, grey, grey)], [0], pixels=pixels, limited=limited
     )
-    rgb = first(Video(path, Reading("as-is")))
+    video = Video(path, Reading("as-is"))
+    assert video.steps == white - black
+    rgb = first(video)
     np.testing.assert_allclose(rgb[:, :, :8], 0.0, atol=1e-6)
     np.testing.assert_allclose(rgb[:, :, 8:], 1.0, atol=1e-6)
 
