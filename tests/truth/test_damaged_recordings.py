@@ -37,6 +37,16 @@ def test_a_damaged_recording_is_told_in_a_sentence(tmp_path: Path) -> None:
     assert not (tmp_path / "b.h5").exists()
 
 
+def test_a_picture_of_dsec_that_no_line_tells_of_yet_is_left_out(tmp_path: Path) -> None:
+    """A run that is killed has written its last picture before the line."""
+    recorded(tmp_path / "a.dsec")
+    text = tmp_path / "a.dsec/disparity/timestamps.txt"
+    whole = [shot for shot in read_recording(str(tmp_path / "a.dsec")).shots() if "depth" in shot.planes]
+    text.write_text("".join(text.read_text().splitlines(keepends=True)[:-1]))
+    cut = [shot for shot in read_recording(str(tmp_path / "a.dsec")).shots() if "depth" in shot.planes]
+    assert [shot.time_us for shot in cut] == [shot.time_us for shot in whole[:-1]] != []
+
+
 def test_whatever_is_wrong_with_a_recording_is_one_sentence(tmp_path: Path) -> None:
     recorded(tmp_path / "a.tumvie")
     calibration, images = (tmp_path / "a.tumvie" / name for name in ("camera-calibration.json", "left_images"))
