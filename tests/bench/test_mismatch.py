@@ -58,6 +58,13 @@ def test_each_pixel_has_its_own_thresholds() -> None:
     assert events["t"].tolist() == [300, 400, 600, 800, 900]
 
 
+def test_what_fell_short_of_an_off_event_is_where_a_rise_begins() -> None:
+    """It falls by .3, of the .4 that an event takes, and rises to .25: thresholds of .1 are crossed after .4 and .5."""
+    values = np.array([0.0, -0.3, 0.25], np.float32)[:, None, None]
+    events = fire(Levels(values, np.array([0, 1000, 2000])), np.array([[[0.1]], [[0.4]]]))
+    assert events["on"].all() and events["t"].tolist() == [1728, 1910]
+
+
 def test_a_camera_is_found_to_have_the_mismatch_that_it_has() -> None:
     levels = drifting()
     scale = mismatch_scale(levels, SENSOR, 120.0, 1000)
