@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clsim.errors import InputError
+from clsim.events.sidecar import write_sidecar
 from clsim.frames import Frame
 from clsim.live.outputs.sidecars import PoseFile, about_camera, camera_pose
 from clsim.live.pacing.schedule import Schedule
@@ -107,3 +109,10 @@ def test_an_orthographic_camera_is_told_in_metres() -> None:
         "pixels_per_m": {"x": -20.0, "y": 20.0},
         "axis_px": {"cx": 60.0, "cy": 30.0},
     }
+
+
+def test_a_sidecar_that_cannot_be_written_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "a.json").mkdir()
+    with pytest.raises(InputError, match=r"a\.json"):
+        write_sidecar(tmp_path / "a.json", {"format": "none"})
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
