@@ -7,7 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clsim.detect.config import DetectorConfig
 from clsim.detect.subframe.knots import CAUTION, TICKS_PER_S, Knots, ticks, vague
+from clsim.detect.subframe.traced_levels import traced_levels
+from clsim.frames import RADIANCE
 from clsim.sensor.reference.ideal import walk
 
 STEP = 2**15
@@ -136,3 +139,10 @@ def test_levels_at_a_time_lie_on_the_lines_between_knots(linear_light):
         one, other = (np.interp(time, knots.times[mine], shape(levels[mine])) for mine in (slice(3), slice(3, 5)))
         np.testing.assert_allclose(shape(knots.at(time)), [one, other])
     assert knots.renumbered(np.array([4, 7])).pixels.tolist() == [4, 4, 4, 7, 7]
+
+
+def test_light_traced_between_frames_has_their_scale_and_floor() -> None:
+    config = DetectorConfig(method="esim", scale=3.0, floor=0.5)
+    levels = traced_levels(config, RADIANCE, (1, 2), lit=True)
+    found = levels.levels(np.array([[1.0, 0.0]] * 3, np.float32), np.arange(2), np.zeros(2))
+    np.testing.assert_allclose(found, np.log([3.0, 0.5]), rtol=1e-6)
