@@ -158,6 +158,14 @@ def test_of_two_poses_for_one_time_the_later_one_holds(tmp_path: Path, at_us: in
         assert run.pose("box", 0)[0, 3] == 0.0, "where it began"
 
 
+def test_who_changes_a_pose_that_was_told_moves_nothing(tmp_path: Path) -> None:
+    with stage.simulator(tmp_path) as run:
+        for name in ("floor", "box", "lamp", "camera"):
+            expected = run.pose(name).copy()
+            run.pose(name)[:3, 3] = 7.0
+            assert (run.pose(name) == expected).all()
+
+
 def test_a_lamp_of_one_colour_can_be_set_and_one_without_light_cannot(tmp_path: Path) -> None:
     file = Path(stage.scene(tmp_path))
     file.write_text(file.read_text().replace("radiance = [20.0, 20.0, 20.0]", "radiance = [0.0, 20.0, 0.0]"))
