@@ -75,6 +75,14 @@ def test_two_files_tell_how_many_there_are_a_second(tmp_path):
     assert ExrSequence(tmp_path).recorded_fps == 125.0
 
 
+def test_two_files_of_one_time_have_no_rate(tmp_path):
+    writer = ExrWriter(tmp_path)
+    for index in range(2):
+        writer.write(Frame(np.ones((3, H, W), dtype=np.float32), ("R", "G", "B"), 8000, index))
+    with pytest.raises(InputError, match="is at 8000 µs, expected later than 8000 µs of the file before"):
+        assert ExrSequence(tmp_path).recorded_fps
+
+
 def test_published_layout(tmp_path):
     channels = published()
     write(tmp_path / "frame_0000.exr", channels)
