@@ -140,9 +140,10 @@ def test_light_that_changes_much_is_traced():
     assert not found_by(Wall(), lights=(2.0, 3.0))[0].known.any()
 
 
-def test_a_pixel_that_shows_something_else_too_is_traced():
-    """Its albedo is not that of the surface its corners see."""
-    assert not found_by(Wall(), albedos=0.5)[0].known.any()
+@pytest.mark.parametrize("albedo", [0.5, 0.8, 0.2])
+def test_a_pixel_that_shows_something_else_too_is_traced(albedo):
+    """Its albedo is not that of the surface its corners see: at both ends, at the last, at the first."""
+    assert not found_by(Wall(), albedos=albedo)[0].known.any()
 
 
 def test_where_no_bounds_are_told_nothing_is_known():
