@@ -13,6 +13,7 @@ from clsim.cli import main
 from clsim.errors import InputError
 from clsim.events import empty_batch
 from clsim.sensor import load_sensor
+from clsim.sensor.fit import uniform
 from clsim.sensor.fit.fitted import noise_table
 from clsim.sensor.fit.still import Counts
 from clsim.sensor.fit.uniform import Rates, fit_uniform, look_probabilities, rates_of
@@ -148,3 +149,8 @@ def test_the_command_makes_a_sensor_of_them(tmp_path, monkeypatch, capsys):
     assert "--lux must be positive numbers such as 0.5,2,10" in capsys.readouterr().err
     assert run(monkeypatch, *words, "1", "--check") == 2
     assert "give it without --lamp and --check" in capsys.readouterr().err
+
+
+def test_a_threshold_squared_times_the_photons_is_sought():
+    """And the ratio of the thresholds: on .2, off 1.5 times that, on² · photons 3."""
+    assert uniform._numbers(np.log([0.2, 1.5, 3.0, 0.7, 0.01])) == pytest.approx((0.2, 0.3, 75.0, 0.7, 0.01))
