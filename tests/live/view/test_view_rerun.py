@@ -28,6 +28,17 @@ class Listener:
         return getattr(self.recording, name)
 
 
+def test_rerun_shows_a_picture_as_soon_as_its_time_is_over(tmp_path: Path) -> None:
+    events = random_events(100, 32, 24, end_us=30_000)
+    sink = RerunSink("a test", 32, 24, save_to=str(tmp_path / "events.rrd"))
+    heard = sink._recording = Listener(sink._recording)
+    sink.write(events, int(events["t"][0]) + 32_999)
+    assert "events" not in heard.logged
+    sink.write(events[:0], int(events["t"][0]) + 33_000)
+    assert heard.logged["events"] == 1
+    sink.close()
+
+
 def test_rerun_takes_events_rates_cloud_and_frames(tmp_path: Path) -> None:
     path = tmp_path / "events.rrd"
     events = random_events(3000, 32, 24, end_us=200_000)
