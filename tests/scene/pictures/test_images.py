@@ -52,6 +52,13 @@ def test_radiance_hdr_is_read_to_its_precision(tmp_path, packed):
             decode_radiance_hdr("x.hdr", whole[:cut], PixelBudget())
 
 
+def test_radiance_hdr_of_xyz_is_refused(tmp_path):
+    data = b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n" + bytes([128, 128, 128, 129])
+    (tmp_path / "a.hdr").write_bytes(data)
+    with pytest.raises(InputError, match="is not an RGBE image of known size"):
+        read_linear(tmp_path / "a.hdr", PixelBudget())
+
+
 def test_openexr_is_read_with_negative_and_infinite_pixels_removed(tmp_path):
     pixels = np.random.default_rng(1).uniform(0, 9, (4, 6, 3)).astype(np.float32)
     pixels[0, 0], pixels[1, 1, 2] = (np.inf, np.nan, -1), -3
