@@ -114,6 +114,21 @@ def test_a_small_triangle_far_from_its_own_origin_does_not_shade_itself():
     np.testing.assert_allclose(lit, expected, rtol=5e-3)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_what_is_far_off_on_the_negative_side_of_an_axis_does_not_shade_itself(axis):
+    """As much of the world is on the other side, so that its middle is no nearer."""
+    away = 3000.0 * np.eye(3)[axis]
+    place = hw.translation(*-away)
+    place[:3, :3] = turned(5)
+    pose = place @ hw.look_from((0, 1, 0), (0, 0, 0), up=(0, 0, -1))
+    sun = PunctualLight("directional", (1.0,) * 3, Static(place @ hw.look_from((1, 0.05, 0.3), (0, 0, 0))))
+    meshes, motions = [tilted(np.eye(3), 2.0)] * 2, [Still(place), Still(hw.translation(*away))]
+    view = hw.camera(pose, 24, 24)
+    scene = hw.world(*meshes, materials=(GREY,), view=view, motions=motions, punctual_lights=(sun,))
+    expected = 0.5 / np.pi * 0.05 / np.linalg.norm((1, 0.05, 0.3))
+    np.testing.assert_allclose(hw.radiance(hw.render(scene, spp=4, max_depth=2)), expected, rtol=5e-3)
+
+
 def test_a_lamp_does_not_hide_itself_from_far_away():
     """E = L·A·cos·cos'/d² on a surface 1 km from a square metre that is seen at a grazing angle."""
     glow = Material(color=(0.0, 0.0, 0.0), emission=(1e6,) * 3)
