@@ -362,13 +362,13 @@ def test_a_port_lost_while_outputs_are_opened_cannot_be(
         port = probe.getsockname()[1]
     seen = []
 
-    def open_outputs(*arguments: object) -> None:
+    def open_sinks(*arguments: object) -> None:
         with pytest.raises(OSError, match="in use"):
             socket.create_server(("127.0.0.1", port), reuse_port=False)
         seen.append(port)
         raise InputError("an output that cannot be opened")
 
-    monkeypatch.setattr(session, "open_outputs", open_outputs)
+    monkeypatch.setattr(session, "open_sinks", open_outputs)
     words = ("live", "still", "--frame-count", "2", "--out", tmp_path / "events.txt", "--view", "--port", port)
     outcome = clsim(*words)
     assert outcome.status == 2 and "an output that cannot be opened" in outcome.stderr and seen == [port]
