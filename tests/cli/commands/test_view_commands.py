@@ -368,7 +368,7 @@ def test_a_port_lost_while_outputs_are_opened_cannot_be(
         seen.append(port)
         raise InputError("an output that cannot be opened")
 
-    monkeypatch.setattr(session, "open_sinks", open_outputs)
+    monkeypatch.setattr(session, "open_sinks", open_sinks)
     words = ("live", "still", "--frame-count", "2", "--out", tmp_path / "events.txt", "--view", "--port", port)
     outcome = clsim(*words)
     assert outcome.status == 2 and "an output that cannot be opened" in outcome.stderr and seen == [port]
