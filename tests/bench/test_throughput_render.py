@@ -32,6 +32,12 @@ def test_the_room_is_closed_but_for_its_lamps():
     assert (counts % 2 == 0).mean() > 0.99
 
 
+def test_lamps_shine_down():
+    for lamp in bumpy_room(5_000).meshes[-2:]:
+        a, b, c = np.moveaxis(lamp.vertices[lamp.triangles], 1, 0)
+        assert (np.cross(b - a, c - a)[:, 1] < 0).all()
+
+
 def check(figures: dict[str, Any]) -> None:
     radiance = figures["mean_radiance"]
     assert radiance["bvh16"] > 0 and abs(radiance["bvh16"] / radiance["warp"] - 1) < 0.02

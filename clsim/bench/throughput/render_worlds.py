@@ -75,5 +75,4 @@ def _ball(cells: int, radius: float, centre: tuple[float, float, float], rng: np
 def _lamp(centre: tuple[float, float, float]) -> Mesh:
     """A square that shines down."""
     corners = np.array([[[-1, 0, -1], [-1, 0, 1]], [[1, 0, -1], [1, 0, 1]]]) * 0.3
-    mesh = _grid(corners + centre, material=1)
-    return replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]))
+    return _grid(corners + centre, material=1)
