@@ -132,7 +132,7 @@ def test_what_is_typed_is_what_runs(name: str, clsim: Callable[..., Any], asked:
     assert asked == [run_of(fields)], outcome.stderr
 
 
-@pytest.mark.parametrize("name", FIELDS.keys() - {"outputs", "files"})
+@pytest.mark.parametrize("name", sorted(FIELDS.keys() - {"outputs", "files"}))
 def test_a_key_of_a_file_is_what_runs(name: str, clsim: Callable[..., Any], asked: list[Any], here: Path) -> None:
     """Beside what is typed; where events go is never the file's, nor the format, which the new outputs tell."""
     row = FIELDS[name]
