@@ -17,7 +17,7 @@ from clsim.errors import InputError
 from clsim.frames import BASE_PLANES, Frame
 from clsim.frames.exr import ExrWriter
 from clsim.live import footage
-from tests.cli.options.test_every_run_option import NOT_SET
+from tests.cli.options.test_every_run_option import NOT_SET, remove_all_but
 from tests.cli.options.test_option_names import commands, options
 from tests.contents import contents, differing
 
@@ -105,14 +105,17 @@ def session(folder: Path, monkeypatch: pytest.MonkeyPatch, clsim: Callable[..., 
 
     def opened(*words: str) -> tuple[Any, dict[str, Any]]:
         found.clear()
+        there = {*Path().iterdir()}
         outcome = clsim("detect", *words)
         if not found:
             return outcome.stderr, {}
         try:
             about, found[0].about = found[0].about, {}
-            return contents(found[0], NOT_SET), about
+            found[0].pipeline.watchers.remove(found[0].silence)
+            return contents(found[0], ("silence", *NOT_SET)), about
         finally:
             found[0].pipeline.stop()
+            remove_all_but(there)
 
     return opened
 

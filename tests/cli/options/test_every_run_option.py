@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from tests.cli.options.run_rows import FIELDS, SCENE, write_files
 from tests.cli.options.test_option_names import commands, options
 from tests.contents import contents, differing
 
-SAID_ONLY = ("about", "chosen", "notes", "warnings", "options", "more")
+SAID_ONLY = ("about", "chosen", "notes", "silence", "warnings", "options", "more")
 """What tells of options, whether or not they do anything."""
 NOT_SET = ("wall_start_s", "cpu_start_s", "started_s", "_threads", "_pending")
 """Clocks, what is numbered on and on, and memory that nothing was written to."""
@@ -54,6 +55,7 @@ def run_of(fields: dict[str, Any]) -> LiveOptions:
 
 def prepared(fields: dict[str, Any]) -> Any:
     """Return all that a run consists of before it starts, or why there is none."""
+    there = {*Path().iterdir()}
     try:
         opened = session.open_live(run_of(fields))
     except InputError as error:
@@ -61,9 +63,20 @@ def prepared(fields: dict[str, Any]) -> Any:
     try:
         about = opened.about
         opened.about = {}
+        opened.pipeline.watchers.remove(opened.silence)
         return contents(opened, (*SAID_ONLY, *NOT_SET)), about["camera"]
     finally:
         opened.pipeline.stop()
+        remove_all_but(there)
+
+
+def remove_all_but(there: set[Path]) -> None:
+    """Remove what came into this folder, for a file that is there is replaced in another way."""
+    for path in {*Path().iterdir()} - there:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
 
 
 def test_each_field_has_a_row() -> None:
