@@ -253,7 +253,7 @@ def test_truth_follows_what_is_set_and_changes_no_event(tmp_path: Path) -> None:
         assert np.abs(known["backward-flow"][front] - expected).max() < 1e-4
         still = (known["object"] == 1) & (known["backward-flow"][..., 3] > 0)
         assert still.sum() > 20 and np.abs(known["backward-flow"][still][:, :2]).max() < 1e-5
-        with pytest.raises(InputError, match=r"names.*got 'flow'"):
+        with pytest.raises(InputError, match=r"this simulator has no flow: make it with truth"):
             run.truth("flow")
 
 
