@@ -44,6 +44,11 @@ class Deformation(Protocol):
         ...
 
 
+def scaled(color: Vec3, factor: float) -> Vec3:
+    """Return a colour times a factor."""
+    return color[0] * factor, color[1] * factor, color[2] * factor
+
+
 @dataclass(frozen=True)
 class Mesh:
     """Triangles in object space.

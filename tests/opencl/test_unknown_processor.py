@@ -12,6 +12,7 @@ from clsim.opencl.trial import POCL
 
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).with_name("unknown_processor")
+ORACLES = ("tests/sensor/test_math.py", "tests/sensor/test_ideal.py", "tests/detect/float64/test_reference_gate.py")
 
 pytestmark = pytest.mark.skipif(
     not any(POCL in platform.name and "x86_64" in platform.get_devices()[0].version for platform in cl.get_platforms()),
@@ -47,6 +48,11 @@ def test_nothing_can_be_built_there() -> None:
 def test_clsim_builds_for_the_nearest_that_is_known() -> None:
     told = run("-m", "clsim", "devices")
     assert told.returncode == 0 and "works, built for " in told.stdout, told.stdout + told.stderr
+
+
+def test_kernels_there_agree_with_the_reference() -> None:
+    tested = run("-m", "pytest", "-n", "0", "-p", "no:cacheprovider", *ORACLES)
+    assert tested.returncode == 0 and " passed" in tested.stdout, tested.stdout + tested.stderr
 
 
 @pytest.mark.slow

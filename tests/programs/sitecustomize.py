@@ -60,9 +60,9 @@ class _Afterwards(MetaPathFinder):
         return spec
 
 
-_TODO = {
+_AFTER_IMPORT = {
     "warp.config": _compile_fast,
     "clsim.opencl.workplace": _declare_little,
     "clsim.render.features.scene_features": _share,
 }
-sys.meta_path.insert(0, _Afterwards(_TODO))
+sys.meta_path.insert(0, _Afterwards(_AFTER_IMPORT))

@@ -15,7 +15,7 @@ from clsim.scene.gltf.layers import reflected_by_film, roughness_between
 from clsim.scene.gltf.light import LightTracks
 from clsim.scene.meshes.geometry import flipped_v
 from clsim.scene.pictures.images import U8, PixelBudget, decode_rgba, decode_srgb
-from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
+from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap, scaled
 
 WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 NEAREST = 9728
@@ -97,7 +97,7 @@ class MaterialReader:
         strength_of_lobe = specular.specularFactor * self._mean("specular", specular.specularTexture, name)[3]
         tint = self._mean("specular colour", specular.specularColorTexture, name, srgb=True)
         r, g, b = (factor * mean for factor, mean in zip(specular.specularColorFactor, tint, strict=False))
-        lobe = _scaled((r, g, b), strength_of_lobe)
+        lobe = scaled((r, g, b), strength_of_lobe)
         if extra.KHR_materials_unlit is not None:
             lobe = (0.0, 0.0, 0.0)
         ior = extra.KHR_materials_ior.ior
@@ -259,10 +259,6 @@ def _set(info: schema.TextureInfo) -> int:
 def _mixed(color: Vec3, other: Vec3, share: float) -> Vec3:
     r, g, b = (one + (two - one) * share for one, two in zip(color, other, strict=True))
     return r, g, b
-
-
-def _scaled(color: Vec3, factor: float) -> Vec3:
-    return color[0] * factor, color[1] * factor, color[2] * factor
 
 
 def _uv_matrix(transform: schema.TextureTransform | None) -> tuple[Vec3, Vec3]:

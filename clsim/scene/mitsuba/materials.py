@@ -17,7 +17,7 @@ from clsim.scene.mitsuba.principled import LEAST_ALPHA, read_principled
 from clsim.scene.mitsuba.textures import WHITE, TextureReader, luminance
 from clsim.scene.mitsuba.values import Color
 from clsim.scene.mitsuba.xml import Plugin
-from clsim.scene.world import Material, Vec3
+from clsim.scene.world import Material, Vec3, scaled
 
 BLACK: Vec3 = (0.0, 0.0, 0.0)
 GREY: Vec3 = (0.5, 0.5, 0.5)
@@ -76,7 +76,7 @@ class MaterialReader:
         if any(scattered):
             self._tell(f"{name} is left out, for it scatters: what is milky within is clear")
             return material
-        return replace(material, absorption=_scaled(absorbed, max(medium.get("scale", 1.0), 0.0)))
+        return replace(material, absorption=scaled(absorbed, max(medium.get("scale", 1.0), 0.0)))
 
     def _added(self, material: Material) -> int:
         if material not in self._indices:
@@ -137,7 +137,7 @@ class MaterialReader:
         self._warn("the bsdf pplastic is rendered without polarisation")
         material = self._read_roughplastic(bsdf)
         passing = 1.0 - mean_reflectance(material.ior)
-        return replace(material, color=_scaled(material.color, passing), nonlinear=False)
+        return replace(material, color=scaled(material.color, passing), nonlinear=False)
 
     def _read_phong(self, bsdf: Plugin) -> Material:
         """As a matt surface with a share of a rough mirror, whose half vectors are as narrow as the lobe."""
@@ -174,9 +174,9 @@ class MaterialReader:
             distribution="beckmann",
             eta=BLACK,
             k=WHITE,
-            specular_color=_scaled(specular, 1.0 / share),
+            specular_color=scaled(specular, 1.0 / share),
         )
-        matt = replace(base, color=_reflectance(_scaled(base.color, 1.0 / max(1.0 - share, 1e-9))))
+        matt = replace(base, color=_reflectance(scaled(base.color, 1.0 / max(1.0 - share, 1e-9))))
         return replace(matt, blend_with=self._added(lobe), blend_share=share)
 
     def _read_conductor(self, bsdf: Plugin) -> Material:
@@ -197,7 +197,7 @@ class MaterialReader:
         if min(*eta, *k) < 0:
             self._warn("a metal has a negative index; 0 stands in")
             eta, k = ((max(c[0], 0.0), max(c[1], 0.0), max(c[2], 0.0)) for c in (eta, k))
-        return replace(metal, eta=_scaled(eta, 1 / outside), k=_scaled(k, 1 / outside))
+        return replace(metal, eta=scaled(eta, 1 / outside), k=scaled(k, 1 / outside))
 
     def _read_roughconductor(self, bsdf: Plugin) -> Material:
         return self._roughened(self._read_conductor(bsdf), bsdf)
@@ -336,7 +336,3 @@ def mean_reflectance(ior: float) -> float:
 
 def _reflectance(color: Vec3) -> Vec3:
     return min(max(color[0], 0.0), 1.0), min(max(color[1], 0.0), 1.0), min(max(color[2], 0.0), 1.0)
-
-
-def _scaled(color: Vec3, factor: float) -> Vec3:
-    return color[0] * factor, color[1] * factor, color[2] * factor

@@ -56,6 +56,7 @@ from clsim.scene.world import (
     Texture,
     Vec3,
     World,
+    scaled,
 )
 from clsim.values import read_text, toml_problem
 
@@ -190,7 +191,7 @@ class _Builder:
             kind=table.kind,
             color=color,
             texture=texture,
-            emission=_times(table.emission, brightest),
+            emission=scaled(table.emission, brightest),
             emission_texture=emission_texture,
             modulation=read_modulation(table.modulation),
             emits_behind=table.emits_behind,
@@ -254,7 +255,7 @@ class _Builder:
         if table.picture is not None:
             size = math.tan(math.radians(min(table.outer_deg, MAX_PICTURE_DEG)))
             picture, brightest = self._light(table.picture)
-            intensity = _times(light.intensity, brightest)
+            intensity = scaled(light.intensity, brightest)
             light = replace(light, picture=picture, picture_size=(size, size), intensity=intensity)
         self.punctual_lights.append(light)
 
@@ -338,10 +339,6 @@ def _read_parts(path: Path) -> Parts:
     from clsim.scene.meshes.trimesh_scene import load_parts
 
     return load_parts(path)
-
-
-def _times(color: Vec3, factor: float) -> Vec3:
-    return color[0] * factor, color[1] * factor, color[2] * factor
 
 
 def _scale(table: schema.ObjectTable) -> Vec3:

@@ -14,7 +14,7 @@ from clsim.scene.usd.light_tracks import brightest
 from clsim.scene.usd.stage import Stage
 from clsim.scene.usd.surfaces import LUMENS_PER_WATT, SurfaceModel, surface_of
 from clsim.scene.usd.textures import TextureReader, Told, same_size
-from clsim.scene.world import ImageTexture, Material, Texture, Vec3
+from clsim.scene.world import ImageTexture, Material, Texture, Vec3, scaled
 
 Color = tuple[float, float, float]
 BLACK: Vec3 = (0.0, 0.0, 0.0)
@@ -122,7 +122,7 @@ class MaterialReader:
         )
         texture, factor = self._reader.colors(told["diffuseColor"])
         color = told["diffuseColor"].color(model.color) if texture < 0 else factor
-        r, g, b = (channel * shade for channel, shade in zip(_times(color, numbers["baseWeight"]), tint, strict=True))
+        r, g, b = (channel * shade for channel, shade in zip(scaled(color, numbers["baseWeight"]), tint, strict=True))
         color = _shares((r, g, b))
         material = Material(
             kind="principled",
@@ -183,8 +183,8 @@ class MaterialReader:
         weight = max(weight, 0.0) / (LUMENS_PER_WATT if model.nits else 1.0)
         if told.image is not None:
             index, factor = self._reader.lights(told)
-            return replace(material, emission=_times(factor, weight), emission_texture=index if weight else -1)
-        colors = [(told.attribute, lambda value: _times(replace(told, value=value).color(model.emissive), weight))]
+            return replace(material, emission=scaled(factor, weight), emission_texture=index if weight else -1)
+        colors = [(told.attribute, lambda value: scaled(replace(told, value=value).color(model.emissive), weight))]
         emission, change = brightest(self._stage, colors, repeat=self._repeat)
         return replace(material, emission=emission, modulation=change)
 
@@ -233,10 +233,6 @@ class MaterialReader:
 
 def _share(value: float) -> float:
     return min(max(value, 0.0), 1.0)
-
-
-def _times(color: Vec3, factor: float) -> Vec3:
-    return color[0] * factor, color[1] * factor, color[2] * factor
 
 
 def _shares(color: Vec3) -> Vec3:
