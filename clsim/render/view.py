@@ -15,7 +15,7 @@ from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera.camera import CameraData
 from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import pixel_of
-from clsim.render.device.launch import Tiles, record, tile_size
+from clsim.render.device.launch import Threads, Tiles, record, tile_size
 from clsim.render.kernel_input import Mosaic, Settings
 from clsim.render.options import RenderOptions
 from clsim.render.paths.integrator import build_kernel
@@ -121,6 +121,7 @@ class View:
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
+        self._threads = Threads(options.threads, self._device)
         self._store: PathStore | None = None
         self._steerer: Steerer | LightCacheHost | None = None
         if options.first_hit_rays:
@@ -138,7 +139,16 @@ class View:
                 self._store = store = self._path_store(options, camera) if features.anchored else None
                 error, twice = options.first_frame_error, options.duplicate_every
                 self._steerer = LightCacheHost(
-                    *size, effort, primary_setup, options.light_hz, event, error, twice, store, self._device
+                    *size,
+                    effort,
+                    primary_setup,
+                    options.light_hz,
+                    event,
+                    error,
+                    twice,
+                    store,
+                    self._threads,
+                    self._device,
                 )
             else:
                 at_frames = options.light_hz is None
@@ -157,9 +167,8 @@ class View:
         self._paths = 0
         self._targets: dict[int, tuple[Any, Any]] = {}
         tile = options.tile_pixels or tile_size(options.probe_spp or options.spp, self._device)
-        pixels, on_cpu = camera.width * camera.height, self._device.is_cpu
-        count = "pixels" if self._steerer is not None else None
-        self._tiles = Tiles(self._record, "first_pixel", pixels, tile, options.threads, on_cpu, count)
+        pixels, count = camera.width * camera.height, "pixels" if self._steerer is not None else None
+        self._tiles = Tiles(self._threads, self._record, "first_pixel", pixels, tile, count)
 
     def fill(self, index: int, out: Frame) -> None:
         """Render frame ``index`` (from 0; beyond the motion's end it goes on as the motion does) into ``out``.
@@ -185,7 +194,7 @@ class View:
         """
         if out.names != self.names or (out.height, out.width) != (self.height, self.width):
             raise ValueError(f"expected a frame {self.width}x{self.height} with the planes {', '.join(self.names)}")
-        if self._tiles.cancelled:
+        if self._threads.cancelled:
             raise RenderCancelled
         time_s = time_us * 1e-6
         self._data.move(time_s)
@@ -306,18 +315,14 @@ class View:
 
         Its board is closed, so that a ``fill`` that waits for an interest map ends too.
         """
-        self._tiles.cancel()
-        if self._store is not None:
-            self._store.cancel()
+        self._threads.cancel()
         if self._steerer is not None:
             self._steerer.cancel()
 
     def close(self) -> None:
         """End the threads and let go of all memory; safe to call twice."""
         self.cancel()
-        self._tiles.close()
-        if self._store is not None:
-            self._store.close()
+        self._threads.close()
         self._targets.clear()
 
     def _path_store(self, options: RenderOptions, camera: Camera) -> PathStore:
@@ -327,8 +332,8 @@ class View:
         kernel = build_kernel(options.features(self._data.features, camera, replay=True), self._data.tree)
         stored = options.lamp_paths if self._data.features.lamps_move else options.stored_paths
         limited = not (self._data.light_changes or options.lights_set)
-        every, threads = options.follow_every, options.threads
-        return PathStore(kernel, self._data, self._settings, stored, every, threads, limited=limited)
+        every = options.follow_every
+        return PathStore(kernel, self._data, self._settings, stored, every, self._threads, limited=limited)
 
     def _shine(self, time_s: float) -> dict[str, Any]:
         """Let light be its mean over an exposure about that time; return the argument of the kernel that this changes.

@@ -17,7 +17,7 @@ from clsim.render.cache.light_grid import BLOCK
 from clsim.render.cache.light_updates import SUMS, build_updates
 from clsim.render.cache.path_store import PathStore
 from clsim.render.cache.stored_paths import Met
-from clsim.render.device.launch import record
+from clsim.render.device.launch import Threads, Tiles, record
 from clsim.render.primary.effort import Effort, PrimarySetup, primary_rays_for
 from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import NextEvent
@@ -46,6 +46,8 @@ _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 736 MiB, and 1,296 where
 something moves."""
 _REMEMBERED = 256
+_PIXELS_ADDED = 1 << 13
+"""Pixels of a launch on a CPU whose paths are added to cells: a fraction of a millisecond."""
 _NEVER = math.inf
 """A threshold that no number of paths reaches, so that all paths are traced."""
 
@@ -101,6 +103,7 @@ class LightCacheHost:
         first_frame_error: float,
         duplicate_every: int,
         store: PathStore | None,
+        threads: Threads,
         device: Any,
     ) -> None:
         """Allocate a table without cells.
@@ -115,6 +118,7 @@ class LightCacheHost:
             first_frame_error: see there too.
             duplicate_every: see there too.
             store: paths that follow the light, None where nothing but the camera moves.
+            threads: that add to cells.
             device: Warp's device.
         """
         pixels = width * height
@@ -124,7 +128,7 @@ class LightCacheHost:
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self.light_s = 0.0
-        self._device = device
+        self._device, self._threads = device, threads
         self._store = store
         self._primary_setup = primary_setup
         self._enough_stored = float(max(width, _ENOUGH_STORED))
@@ -340,13 +344,9 @@ class LightCacheHost:
         asked = self._asked()
         # Until something has changed, nothing needs to be asked how it was before.
         asked.follows = self._store is not None and self._store.followed
-        table = {"asked": asked, "cells": self._cells, "followed": self._told[1], "sums": self._sums}
-        for name, value in table.items():
-            self._add.set_param_by_name(name, value)
-        self._add.launch()
-        self._average.set_param_by_name("sums", self._sums)
-        self._average.set_param_by_name("cells", self._cells)
-        self._average.launch()
+        table = {"sums": self._sums, "cells": self._cells}
+        self._add.run(len(self._own), table | {"asked": asked, "followed": self._told[1]})
+        self._average.run(len(self._own), table)
         if self._store is not None:
             found = {name: self._found[f"out_{name}"] for name in ("positions", "normals", "met")}
             found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
@@ -383,11 +383,17 @@ class LightCacheHost:
             kernels.open_cells, shape[1], self._device, **found, normals=normals, asked=self._asked(), update=0,
             keys=self._keys, cells=self._cells, out_rows=rows, out_used=self._used,
         )  # fmt: skip
-        self._add = record(
-            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows,
-            normals=normals, asked=self._asked(), cells=self._cells, followed=self._told[1], sums=self._sums,
+        told = {"normals": normals, "lights": lights, "asked": self._asked(), "followed": self._told[1]}
+        self._add = self._tiles(kernels.add_to_cells, **found, **table, rows=rows, **told)
+        self._average = self._tiles(kernels.average, **found, **table, rows=rows)
+
+    def _tiles(self, kernel: Any, **arguments: Any) -> Tiles:
+        """Return launches of a kernel over the pixels by all threads."""
+        size = _PIXELS_ADDED if self._threads.on_cpu else None
+        return Tiles(
+            self._threads, lambda tile: record(kernel, tile, self._device, first=0, **arguments),
+            "first", len(self._own), size,
         )  # fmt: skip
-        self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, **table)
 
     def _open_cells(self) -> None:
         self._open.set_param_by_name("keys", self._keys)

@@ -4,6 +4,7 @@
 import warp as wp
 
 from clsim.render.device.compiler import kernel_options
+from clsim.render.native import native_code
 from clsim.render.sampling import sampling
 
 wp.set_module_options(kernel_options())
@@ -84,11 +85,18 @@ def first_row(key: wp.int64, mask: int) -> int:
     return (int(wp.uint64(key) >> wp.uint64(20)) & mask & ~(_BLOCK - 1)) | int(key & wp.int64(_BLOCK - 1))
 
 
+@wp.func_native(native_code("add_shared.h"))
+def add_shared(sums: wp.array2d[wp.int64], row: int, field: int, value: wp.int64) -> None:
+    """Add to a cell's sums, also where several threads of a CPU do."""
+    ...
+
+
 @wp.func
 def find_or_make(keys: wp.array[wp.int64], key: wp.int64, out_used: wp.array[int]) -> int:
     """Return the row of a cell, a new one if need be; -1 where there is no room.
 
-    ``out_used`` counts rows taken, and cells that found no room.
+    ``out_used`` counts rows taken, and cells that found no room. On a CPU, one thread alone may do so: which cells find
+    room hangs on who comes first.
     """
     mask = keys.shape[0] - 1
     row = first_row(key, mask)

@@ -9,7 +9,16 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from clsim.render.cache.light_cache import LEVELS, Asked, Cell, Followed, before_change, look_up_at, tells_before
-from clsim.render.cache.light_grid import along_face, face_of, find_or_make, grid_of, in_cells, key_of, size_of
+from clsim.render.cache.light_grid import (
+    add_shared,
+    along_face,
+    face_of,
+    find_or_make,
+    grid_of,
+    in_cells,
+    key_of,
+    size_of,
+)
 from clsim.render.device.compiler import kernel_options, one_at_a_time
 
 wp.set_module_options(kernel_options())
@@ -80,6 +89,7 @@ def open_cells(
 
 
 def add_to_cells(
+    first: int,
     spent: wp.array2d[int],
     positions: wp.array2d[wp.vec4],
     normals: wp.array2d[wp.vec4],
@@ -90,11 +100,11 @@ def add_to_cells(
     followed: wp.array[Followed],
     sums: wp.array2d[wp.int64],
 ) -> None:
-    """Add each path's irradiance to its cells; a thread is a pixel.
+    """Add each path's irradiance to its cells; a thread is a pixel, from ``first`` on.
 
     Where the light is followed, it is what the path would have found before that changed.
     """
-    pixel = wp.tid()
+    pixel = first + wp.tid()
     for i in range(spent[_PATHS, pixel]):
         if positions[i, pixel][3] > 0.0:
             light = lights[i, pixel]
@@ -114,19 +124,19 @@ def add_to_cells(
                     for channel in range(3):
                         value = wp.clamp(light[channel], 0.0, _LARGEST)
                         bright += value / 3.0
-                        wp.atomic_add(sums, row, channel, wp.int64(value * _UNIT))
-                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
-                    wp.atomic_add(sums, row, _SQUARES, wp.int64(wp.min(bright * bright, _LARGEST) * _UNIT))
+                        add_shared(sums, row, channel, wp.int64(value * _UNIT))
+                    add_shared(sums, row, _COUNT, wp.int64(1))
+                    add_shared(sums, row, _SQUARES, wp.int64(wp.min(bright * bright, _LARGEST) * _UNIT))
                     at = along_face(axis, in_cells(wp.vec3(p[0], p[1], p[2]), side_m))
                     u = at[0] - wp.floor(at[0])
                     v = at[1] - wp.floor(at[1])
-                    wp.atomic_add(sums, row, _PLACES, wp.int64(u * _UNIT))
-                    wp.atomic_add(sums, row, _PLACES + 1, wp.int64(v * _UNIT))
-                    wp.atomic_add(sums, row, _PLACES + 2, wp.int64(u * u * _UNIT))
-                    wp.atomic_add(sums, row, _PLACES + 3, wp.int64(v * v * _UNIT))
-                    wp.atomic_add(sums, row, _PLACES + 4, wp.int64(u * v * _UNIT))
-                    wp.atomic_add(sums, row, _PLACES + 5, wp.int64(bright * u * _UNIT))
-                    wp.atomic_add(sums, row, _PLACES + 6, wp.int64(bright * v * _UNIT))
+                    add_shared(sums, row, _PLACES, wp.int64(u * _UNIT))
+                    add_shared(sums, row, _PLACES + 1, wp.int64(v * _UNIT))
+                    add_shared(sums, row, _PLACES + 2, wp.int64(u * u * _UNIT))
+                    add_shared(sums, row, _PLACES + 3, wp.int64(v * v * _UNIT))
+                    add_shared(sums, row, _PLACES + 4, wp.int64(u * v * _UNIT))
+                    add_shared(sums, row, _PLACES + 5, wp.int64(bright * u * _UNIT))
+                    add_shared(sums, row, _PLACES + 6, wp.int64(bright * v * _UNIT))
                 side_m = side_m * 2.0
 
 
@@ -159,14 +169,18 @@ def _plane(sums: wp.array2d[wp.int64], row: int, count: float, bright: float, va
 
 
 def average(
+    first: int,
     spent: wp.array2d[int],
     positions: wp.array2d[wp.vec4],
     rows: wp.array3d[int],
     sums: wp.array2d[wp.int64],
     cells: wp.array[Cell],
 ) -> None:
-    """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
-    pixel = wp.tid()
+    """Turn the sums of the cells that were added to into means; a thread is a pixel, from ``first`` on.
+
+    All threads of a cell write the same.
+    """
+    pixel = first + wp.tid()
     for i in range(spent[_PATHS, pixel]):
         if positions[i, pixel][3] > 0.0:
             for level in range(_LEVELS):

@@ -13,6 +13,7 @@ all paths find more or less at once, and there are no limits.
 import warp as wp
 
 from clsim.render.cache.light_cache import Cell, bright_of
+from clsim.render.cache.light_grid import add_shared
 
 UNIT = wp.constant(4294967296.0)
 """Of sums, which are of whole numbers."""
@@ -59,7 +60,7 @@ def add_beyond(sums: wp.array2d[wp.int64], row: int, first: int, beyond: wp.vec4
     """Add that to a cell's sums, to the field ``first`` and the three after it."""
     if beyond[3] > 0.0:
         for field in range(4):
-            wp.atomic_add(sums, row, first + field, sign * whole(beyond[field]))
+            add_shared(sums, row, first + field, sign * whole(beyond[field]))
 
 
 @wp.func

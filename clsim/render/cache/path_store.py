@@ -14,10 +14,12 @@ from clsim.render.cache.light_cache import Followed
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import PLACES, Moved
 from clsim.render.device.arrays import write
-from clsim.render.device.launch import Tiles, record
+from clsim.render.device.launch import Threads, Tiles, record
 
 _TILE = 2048
 """Paths of a launch on a CPU; on a GPU all are one, for each launch takes as long as its slowest path."""
+_ADDED = 4 * _TILE
+"""Paths of a launch that adds what they found to their cells."""
 
 
 class MovingScene(Protocol):
@@ -54,7 +56,7 @@ class PathStore:
         settings: Any,
         most: int,
         every: int,
-        threads: int | None,
+        threads: Threads,
         *,
         limited: bool,
     ) -> None:
@@ -66,7 +68,7 @@ class PathStore:
             settings: the `Settings` of the frames.
             most: paths that are stored in a cell.
             every: frames in which each path is traced once where lamps move.
-            threads: that trace; None takes one a core.
+            threads: that trace.
             limited: whether paths have limits (`path_limits.py`): where no lamp changes its brightness.
         """
         self._data, self._settings, self._most, self._every = data, settings, most, every
@@ -83,9 +85,14 @@ class PathStore:
         self._trails: Any = wp.zeros(0, dtype=wp.vec3, device=self._device)
         self._allocate(1)
         self._kernel = kernel
-        count = "pixels"
-        tile = _TILE if self._device.is_cpu else None
-        self._tiles = Tiles(self._record, "first_pixel", 1 << 30, tile, threads, self._device.is_cpu, count)
+        kernels = build_storing()
+
+        def tiles(record_tile: Any, size: int, count: str | None = None) -> Tiles:
+            return Tiles(threads, record_tile, "first", 1 << 30, size if threads.on_cpu else None, count)
+
+        self._replay = tiles(self._record_replay, _TILE, "count")
+        self._add = tiles(lambda tile: self._record(kernels.add_paths, tile, found=self._found), _ADDED)
+        self._average = tiles(lambda tile: self._record(kernels.average_paths, tile, frame=0), _ADDED)
 
     def forget(self) -> None:
         """Trace all again: lights have changed."""
@@ -95,14 +102,6 @@ class PathStore:
         """Return how many paths were traced since this was asked last."""
         count, self._taken = self.paths - self._taken, self.paths
         return count
-
-    def cancel(self) -> None:
-        """Trace nothing more; safe from any thread."""
-        self._tiles.cancel()
-
-    def close(self) -> None:
-        """End the threads; safe to call twice."""
-        self._tiles.close()
 
     def table(self, rows: int) -> tuple[Any, Any]:
         """Return the sums of so many cells, and the `Followed` of each."""
@@ -127,7 +126,7 @@ class PathStore:
             count = self._choose(found, asked, cells, table)
         self.stored = count
         self._trace(first, every=1)
-        self._add(first, table, joining=True)
+        self._tell(first, table, joining=True)
 
     def _choose(self, found: dict[str, Any], asked: Any, cells: Any, table: tuple[Any, Any]) -> int:
         """Store paths as far as there is room, and return how many there would be with those."""
@@ -155,7 +154,7 @@ class PathStore:
         self._all_again = False
         self.followed = True
         self._trace(0, every)
-        self._add(0, table, steady=steady)
+        self._tell(0, table, steady=steady)
 
     def move(self, rows: Any, before: tuple[Any, Any], table: tuple[Any, Any]) -> None:
         """Go along with cells that were moved to other ``rows``."""
@@ -165,34 +164,24 @@ class PathStore:
         wp.launch(kernels.move_followed, dim=len(rows), inputs=[rows, *before, *table], device=self._device)
 
     def _trace(self, first: int, every: int) -> None:
-        count = self.stored - first
-        if count <= 0:
-            return
         # Other views of the scene have stores of their own.
         geometry = self._data.scene.geometry
         geometry.trails = self._trails
         self._data.scene.geometry = geometry
         changed = {
-            "scene": self._data.scene, "settings": self._settings, "first_path": first, "every": every,
-            "turn": self.frame, "moved": self._movement.moved, "of_moved": self._movement.instances,
-            "paths": self._paths, "out_found": self._found, "out_traced": self._traced,
+            "scene": self._data.scene, "settings": self._settings, "every": every, "turn": self.frame,
+            "moved": self._movement.moved, "of_moved": self._movement.instances, "paths": self._paths,
+            "out_found": self._found, "out_traced": self._traced,
         }  # fmt: skip
-        self._tiles.run(count, changed)
+        self._replay.run(self.stored, changed, first)
 
-    def _add(self, first: int, table: tuple[Any, Any], *, joining: bool = False, steady: bool = False) -> None:
-        count = self.stored - first
-        if count <= 0:
-            return
-        kernels, of = build_storing(), [first, joining, steady]
-        wp.launch(
-            kernels.add_paths, dim=count, inputs=[*of, self._paths, self._found, self._traced, *table],
-            device=self._device,
-        )  # fmt: skip
-        wp.launch(
-            kernels.average_paths, dim=count, inputs=[*of, self.frame, self._paths, self._traced, *table],
-            device=self._device,
-        )  # fmt: skip
-        self.paths += int(self._traced.numpy()[first : self.stored].sum())
+    def _tell(self, first: int, table: tuple[Any, Any], *, joining: bool = False, steady: bool = False) -> None:
+        """Add what paths found to their cells, and tell these."""
+        changed = {"joining": joining, "steady": steady, "paths": self._paths, "traced_again": self._traced}
+        changed |= {"sums": table[0], "followed": table[1]}
+        self._add.run(self.stored, changed | {"found": self._found}, first)
+        self._average.run(self.stored, changed | {"frame": self.frame}, first)
+        self.paths += int(np.count_nonzero(self._traced.numpy()[first : self.stored]))
 
     def _allocate(self, room: int) -> None:
         """Make room for so many paths, and keep those there are."""
@@ -205,11 +194,18 @@ class PathStore:
         self._found: Any = wp.zeros(room, dtype=wp.vec3, device=self._device)
         self._traced: Any = wp.zeros(room, dtype=wp.int32, device=self._device)
 
-    def _record(self, tile: int) -> Any:
+    def _record_replay(self, tile: int) -> Any:
         return record(
-            self._kernel, tile, self._device, scene=self._data.scene, settings=self._settings, first_pixel=0, pixels=1,
-            first_path=0, every=0, turn=0, moved=self._movement.moved, of_moved=self._movement.instances,
+            self._kernel, tile, self._device, scene=self._data.scene, settings=self._settings, first=0, count=1,
+            every=0, turn=0, moved=self._movement.moved, of_moved=self._movement.instances,
             paths=self._paths, out_found=self._found, out_traced=self._traced,
+        )  # fmt: skip
+
+    def _record(self, kernel: Any, tile: int, **more: Any) -> Any:
+        sums, followed = self.table(1)
+        return record(
+            kernel, tile, self._device, first=0, joining=False, steady=False, paths=self._paths,
+            traced_again=self._traced, sums=sums, followed=followed, **more,
         )  # fmt: skip
 
 

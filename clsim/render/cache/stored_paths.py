@@ -27,6 +27,7 @@ from clsim.render.cache.light_cache import (
     look_up_at,
     tells_before,
 )
+from clsim.render.cache.light_grid import add_shared
 from clsim.render.cache.path_limits import (
     NO_LIMIT,
     UNIT,
@@ -64,6 +65,8 @@ _MOST_UNEVEN = wp.constant(4.0)
 """Times as many paths are stored at most where they find light that differs much."""
 _MOST = wp.constant(8.0)
 """Largest factor by which light changes; what is more is added."""
+_FOUND_THE_SAME = wp.constant(-1)
+"""Of a path that was traced again: its cells are as they were."""
 _OFF = wp.constant(3.0e-5)
 """How far before its place a path begins, as a part of the largest coordinate."""
 
@@ -191,6 +194,40 @@ def _advanced(path: StoredPath, found: wp.vec3, traced_again: bool, steady: bool
     return after
 
 
+@wp.func
+def _add_path(
+    path: StoredPath, before: wp.vec3, joining: bool, sums: wp.array2d[wp.int64], followed: wp.array[Followed]
+) -> None:
+    """Add what a path finds to its cells, where it is not ``joining`` instead of what it found ``before``."""
+    for k in range(_LEVELS):
+        row = path.rows[k]
+        if row >= 0:
+            for c in range(3):
+                change = whole(path.light[c])
+                if not joining:
+                    change = change - whole(before[c])
+                add_shared(sums, row, c, change)
+                if joining:
+                    add_shared(sums, row, _BASE + c, whole(path.base[c]))
+            now = wp.min(bright_of(path.light), path.limit)
+            base = wp.min(bright_of(path.base), path.limit)
+            add_beyond(sums, row, _BEYOND, beyond_limit(path.light, path.limit), wp.int64(1))
+            squares = whole(now * now)
+            products = whole(now * base)
+            if joining:
+                add_beyond(sums, row, _BEYOND_BEFORE, beyond_limit(path.base, path.limit), wp.int64(1))
+                add_shared(sums, row, _SQUARES + 2, whole(base * base))
+                add_shared(sums, row, _COUNT, wp.int64(1))
+            else:
+                bright = wp.min(bright_of(before), path.limit)
+                add_beyond(sums, row, _BEYOND, beyond_limit(before, path.limit), wp.int64(-1))
+                squares = squares - whole(bright * bright)
+                products = products - whole(bright * base)
+            add_shared(sums, row, _SQUARES, squares)
+            add_shared(sums, row, _SQUARES + 1, products)
+            followed[row].last = followed[row].factor
+
+
 def add_paths(
     first: int,
     joining: bool,
@@ -211,33 +248,10 @@ def add_paths(
         path = _advanced(paths[i], found[i], traced_again[i] > 0, steady and not joining)
         if joining:
             path.base = wp.cw_mul(path.base, path.light)
-        for k in range(_LEVELS):
-            row = path.rows[k]
-            if row >= 0:
-                for c in range(3):
-                    change = whole(path.light[c])
-                    if not joining:
-                        change = change - whole(paths[i].light[c])
-                    wp.atomic_add(sums, row, c, change)
-                    if joining:
-                        wp.atomic_add(sums, row, _BASE + c, whole(path.base[c]))
-                now = wp.min(bright_of(path.light), path.limit)
-                base = wp.min(bright_of(path.base), path.limit)
-                add_beyond(sums, row, _BEYOND, beyond_limit(path.light, path.limit), wp.int64(1))
-                squares = whole(now * now)
-                products = whole(now * base)
-                if joining:
-                    add_beyond(sums, row, _BEYOND_BEFORE, beyond_limit(path.base, path.limit), wp.int64(1))
-                    wp.atomic_add(sums, row, _SQUARES + 2, whole(base * base))
-                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
-                else:
-                    before = wp.min(bright_of(paths[i].light), path.limit)
-                    add_beyond(sums, row, _BEYOND, beyond_limit(paths[i].light, path.limit), wp.int64(-1))
-                    squares = squares - whole(before * before)
-                    products = products - whole(before * base)
-                wp.atomic_add(sums, row, _SQUARES, squares)
-                wp.atomic_add(sums, row, _SQUARES + 1, products)
-                followed[row].last = followed[row].factor
+        if joining or steady or not path.light == paths[i].light:  # noqa: SIM201 - Warp has no != of vectors
+            _add_path(path, paths[i].light, joining, sums, followed)
+        else:
+            traced_again[i] = _FOUND_THE_SAME
         path.places = paths[i].places
         paths[i] = path
 
@@ -282,13 +296,14 @@ def average_paths(
 ) -> None:
     """Tell the cells of paths whose light may have changed what these find on average; all write the same.
 
-    Changes are those of the step to a ``frame``.
+    Changes are those of the step to a ``frame``, whose number is at least 1.
     """
     i = first + wp.tid()
     if traced_again[i] > 0 or steady:
         for k in range(_LEVELS):
             row = paths[i].rows[k]
-            if row >= 0:
+            # Many paths of a cell are traced again at once: the first one of them tells it.
+            if row >= 0 and (joining or followed[row].stepped != frame):
                 cell = _told(followed[row], sums, row)
                 if not joining:
                     cell.step = cell.factor - cell.last
@@ -339,7 +354,7 @@ def build_storing() -> Storing:
 
 
 def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
-    """Return the kernel that traces paths again; a thread is ``pixels`` paths.
+    """Return the kernel that traces paths again; a thread is ``count`` paths.
 
     ``moved`` tells what has moved (``trails.py``), ``of_moved`` of each instance whether it has. Of all paths one in
     ``every`` is traced whatever it meets, none where that is 0; which ones goes by ``turn``. ``out_found`` is what each
@@ -352,9 +367,8 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
     def replay(
         scene: Scene,
         settings: Settings,
-        first_pixel: int,
-        pixels: int,
-        first_path: int,
+        first: int,
+        count: int,
         every: int,
         turn: int,
         moved: Moved,
@@ -363,8 +377,8 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
         out_found: wp.array[wp.vec3],
         out_traced: wp.array[int],
     ) -> None:
-        begin = first_path + first_pixel + wp.tid() * pixels
-        for i in range(begin, begin + pixels):
+        begin = first + wp.tid() * count
+        for i in range(begin, begin + count):
             path = paths[i]
             again = of_moved[path.met.instance] > 0
             if every > 0:

@@ -34,43 +34,20 @@ def tile_size(paths: int, device: Any) -> int | None:
     return max(1, _TILE_PATHS // paths) if device.is_cpu else None
 
 
-class Tiles:
-    """A kernel whose threads are pixels, launched tile by tile by several threads on a CPU.
+class Threads:
+    """Threads that launch tiles on a CPU, one of which is the caller's own; elsewhere that one alone.
 
     Attributes:
-        size: pixels in a launch.
+        count: how many there are.
+        on_cpu: whether tiles are launched on a CPU.
         cancelled: whether `cancel` was called, or a launch failed.
     """
 
-    def __init__(
-        self,
-        make_launch: Callable[[int], Any],
-        offset: str,
-        pixels: int,
-        size: int | None,
-        threads: int | None,
-        on_cpu: bool,
-        count: str | None = None,
-    ) -> None:
-        """Record a launch for each thread, since its arguments change.
-
-        Args:
-            make_launch: records a launch of a tile of that size.
-            offset: the kernel's argument that tells a tile's first pixel.
-            pixels: how many there are at most.
-            size: pixels in a launch; None takes all.
-            threads: at most so many; None takes one a core.
-            on_cpu: whether the device is a CPU; else there is one thread.
-            count: the kernel's argument that tells how many pixels one of its threads takes, one after the other: all
-                of a tile on a CPU, else 1. None where each has a thread of the kernel.
-        """
-        self.size = min(size or pixels, pixels)
-        self._offset = offset
-        self._count = count if on_cpu else None
-        wanted = (threads or usable_cores()) if on_cpu else 1
-        self._launches = [make_launch(self.size) for _ in range(min(wanted, -(-pixels // self.size)))]
-        # The calling thread renders too.
-        self._pool = ThreadPoolExecutor(len(self._launches) - 1, "clsim-tile") if len(self._launches) > 1 else None
+    def __init__(self, most: int | None, device: Any) -> None:
+        """Start at most so many for a device of Warp; None starts one a core."""
+        self.on_cpu: bool = device.is_cpu
+        self.count = (most or usable_cores()) if self.on_cpu else 1
+        self._pool = ThreadPoolExecutor(self.count - 1, "clsim-tile") if self.count > 1 else None
         self._cancelled = threading.Event()
 
     @property
@@ -82,45 +59,88 @@ class Tiles:
         """Launch no other tile; safe from any thread."""
         self._cancelled.set()
 
-    def run(self, pixels: int, changed: dict[str, Any]) -> bool:
-        """Launch over so many pixels with those arguments that have changed; return whether it was not cancelled.
+    def each(self, work: Callable[[Any], None], of: list[Any]) -> None:
+        """Do some work of at least one, each by another thread, and wait until all is done.
 
         Raises:
             clsim.Error: this process was forked since the threads were started.
         """
         check_process()
-        for launch in self._launches:
-            for name, value in changed.items():
-                launch.set_param_by_name(name, value)
-        tiles = iter(range(0, pixels, self.size))
-        # next() of a range iterator is one step of the interpreter, so that threads may share it.
-        others = self._launches[1:]
-        workers = [self._pool.submit(self._drain, each, tiles, pixels) for each in others] if self._pool else []
+        others = [self._pool.submit(work, one) for one in of[1:]] if self._pool else []
         try:
-            self._drain(self._launches[0], tiles, pixels)
+            work(of[0])
         except BaseException:
-            self._cancelled.set()
+            self.cancel()
             raise
         finally:
-            for worker in workers:
-                worker.result()
-        return not self.cancelled
+            for other in others:
+                other.result()
 
     def close(self) -> None:
-        """End the threads; safe to call twice."""
+        """End them; safe to call twice."""
         self.cancel()
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None
-        self._launches.clear()
 
-    def _drain(self, launch: Any, tiles: Any, pixels: int) -> None:
+
+class Tiles:
+    """A kernel whose threads are pixels, or other things with numbers, launched tile by tile.
+
+    Attributes:
+        size: pixels in a launch.
+    """
+
+    def __init__(
+        self,
+        threads: Threads,
+        make_launch: Callable[[int], Any],
+        offset: str,
+        most: int,
+        size: int | None,
+        count: str | None = None,
+    ) -> None:
+        """Record a launch for each thread, since its arguments change.
+
+        Args:
+            threads: that launch tiles.
+            make_launch: records a launch of a tile of that size.
+            offset: the kernel's argument that tells a tile's first pixel.
+            most: pixels there are at most.
+            size: pixels in a launch; None takes all.
+            count: the kernel's argument that tells how many pixels one of its threads takes, one after the other: all
+                of a tile on a CPU, else 1. None where each has a thread of the kernel.
+        """
+        self.size = min(size or most, most)
+        self._offset = offset
+        self._count = count if threads.on_cpu else None
+        self._threads = threads
+        self._launches = [make_launch(self.size) for _ in range(min(threads.count, -(-most // self.size)))]
+
+    def run(self, end: int, changed: dict[str, Any], begin: int = 0) -> bool:
+        """Launch over the pixels from ``begin`` to ``end`` with those arguments of the kernel that have changed.
+
+        Return whether it was not cancelled.
+
+        Raises:
+            clsim.Error: this process was forked since the threads were started.
+        """
+        for launch in self._launches:
+            for name, value in changed.items():
+                launch.set_param_by_name(name, value)
+        # next() of a range iterator is one step of the interpreter, so that threads may share it.
+        firsts = iter(range(begin, end, self.size))
+        tiles = -(-(end - begin) // self.size)
+        self._threads.each(lambda launch: self._drain(launch, firsts, end), self._launches[: max(1, tiles)])
+        return not self._threads.cancelled
+
+    def _drain(self, launch: Any, firsts: Any, end: int) -> None:
         labels = [argument.label for argument in launch.kernel.adj.args]
         offset, set_to = labels.index(self._offset), 0
-        for first in tiles:
-            if self.cancelled:
+        for first in firsts:
+            if self._threads.cancelled:
                 return
-            size = min(self.size, pixels - first)
+            size = min(self.size, end - first)
             if size != set_to:
                 # That of the last tile alone is another one.
                 set_to = size

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.frames import Fineness, Reflected
-from clsim.render.device.launch import Tiles, record, tile_size
+from clsim.render.device.launch import Threads, Tiles, record, tile_size
 from clsim.render.subframe.flat_pixels import INSTANTS, MOST_KNOTS
 
 F32 = npt.NDArray[np.float32]
@@ -26,7 +26,7 @@ class FlatFollower:
         shape: tuple[int, int],
         arguments: dict[str, Any],
         device: Any,
-        threads: int | None,
+        threads: Threads,
     ) -> None:
         """Allocate what is known of corners.
 
@@ -35,7 +35,7 @@ class FlatFollower:
             shape: height and width of the picture.
             arguments: what kernels take by these names: ``scene``, ``settings``, ``camera`` and ``corners``.
             device: Warp's device.
-            threads: at most so many; None takes one a core.
+            threads: that follow.
         """
         self._height, self._width = shape
         self._device, rows = device, self._height + 1
@@ -51,8 +51,9 @@ class FlatFollower:
 
         def tiles(most: int, kernel: Any, **more: Any) -> Tiles:
             size = tile_size(1, device)
-            return Tiles(lambda tile: record(kernel, tile, device, **seen, **more), "first", most, size, threads,
-                         device.is_cpu, "count")  # fmt: skip
+            return Tiles(
+                threads, lambda tile: record(kernel, tile, device, **seen, **more), "first", most, size, "count"
+            )
 
         bound, place, follow = kernels
         self._bound = tiles(corners, bound, **scene, rows=rows, out_bounds=self._bounds)
@@ -91,13 +92,3 @@ class FlatFollower:
         skipped = changing * MOST_KNOTS - firsts[:-1]
         told = self._knots.numpy().reshape(-1, 2)[np.repeat(skipped, found[changing]) + np.arange(firsts[-1])]
         return Reflected(pixels[found >= 0], pixels[changing], firsts, told[:, 0], told[:, 1])
-
-    def cancel(self) -> None:
-        """Launch nothing more; safe from any thread."""
-        for tiles in (self._bound, self._place, self._follow):
-            tiles.cancel()
-
-    def close(self) -> None:
-        """End the threads; safe to call twice."""
-        for tiles in (self._bound, self._place, self._follow):
-            tiles.close()

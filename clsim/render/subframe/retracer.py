@@ -13,7 +13,7 @@ from clsim.errors import InputError
 from clsim.frames import Fineness, Reflected, rendered_planes
 from clsim.render.camera.camera import CameraData
 from clsim.render.camera.pixel_width import pixel_of
-from clsim.render.device.launch import Tiles, record, tile_size
+from clsim.render.device.launch import Threads, Tiles, record, tile_size
 from clsim.render.options import RenderOptions
 from clsim.render.paths.integrator import build_kernel
 from clsim.render.primary.effort import PrimarySetup, primary_rays_for
@@ -100,8 +100,8 @@ class Retracer:
         # Most pixels need few of their primary rays.
         paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples
         size = options.tile_pixels or tile_size(paths, self._device)
-        self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu, "count")
-        self._threads = options.threads
+        self._threads = Threads(options.threads, self._device)
+        self._tiles = Tiles(self._threads, self._record, "first", _MOST_REQUESTS, size, "count")
         self._follower: FlatFollower | None = None
         # The last step, and whether the camera turned back in it.
         self._last_turn: tuple[tuple[int, int] | None, bool] = None, False
@@ -205,15 +205,11 @@ class Retracer:
 
     def cancel(self) -> None:
         """Make a running ``trace``, and every later one, raise RenderCancelled soon; safe from any thread."""
-        self._tiles.cancel()
-        if self._follower is not None:
-            self._follower.cancel()
+        self._threads.cancel()
 
     def close(self) -> None:
         """End the threads; safe to call twice."""
-        self._tiles.close()
-        if self._follower is not None:
-            self._follower.close()
+        self._threads.close()
 
     def _last_of(self, first: int, ends: npt.NDArray[np.int64], done: int) -> int:
         """Return the end of the run of instants, from ``first`` on, that one launch traces."""
@@ -225,7 +221,7 @@ class Retracer:
     def _trace(
         self, pixels: npt.NDArray[np.int32], instants_s: npt.NDArray[np.float64], numbers: npt.NDArray[np.int64]
     ) -> npt.NDArray[np.float32]:
-        if self._tiles.cancelled:
+        if self._threads.cancelled:
             raise RenderCancelled
         self._data.move_to(instants_s)
         if self._data.light_changes:

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 
 from clsim.errors import InputError
 from clsim.render import Effort, RenderOptions, direct_light_is_analytic, light_stands_still
 from clsim.render.cache import first_frame, light_cache_host
+from clsim.render.device.launch import Threads
 from clsim.render.primary import effort
 from clsim.scene import ImageTexture, Material, Sensor
 from clsim.scene.defaults.drift import drifting
@@ -241,9 +243,8 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
         def effort(self, value):
             self._now = value
 
-    cache_host = Doubling(
-        4, 3, Effort(2, 1, 8), effort.PrimarySetup((0.01, 0.0), sharp=True), None, UNTOLD, 0.28, 0, None, "cpu"
-    )
+    setup, threads = effort.PrimarySetup((0.01, 0.0), sharp=True), Threads(1, wp.get_device("cpu"))
+    cache_host = Doubling(4, 3, Effort(2, 1, 8), setup, None, UNTOLD, 0.28, 0, None, threads, "cpu")
     for index in range(3):
         changed, paths = cache_host.prepare(index, 1_000 * index)
         assert changed["out_lights"].shape == (paths, 12)

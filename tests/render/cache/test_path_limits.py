@@ -29,7 +29,7 @@ def cell_after(first, then, limit=LIMIT):
         found = wp.array(np.float32(light), dtype=wp.vec3, device="cpu")
         of = [0, joining, False]
         wp.launch(build_storing().add_paths, count, [*of, paths, found, traced, sums, followed], device="cpu")
-        wp.launch(build_storing().average_paths, count, [*of, 0, paths, traced, sums, followed], device="cpu")
+        wp.launch(build_storing().average_paths, count, [*of, 1, paths, traced, sums, followed], device="cpu")
     return followed.numpy()[0]
 
 

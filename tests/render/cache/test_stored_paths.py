@@ -175,7 +175,7 @@ def test_the_error_of_a_change_is_that_of_the_ratio_of_two_sums():
         found = wp.array(light.astype(np.float32), dtype=wp.vec3, device="cpu")
         of = [0, joining, False]
         wp.launch(build_storing().add_paths, 60, [*of, paths, found, traced, sums, followed], device="cpu")
-        wp.launch(build_storing().average_paths, 60, [*of, 0, paths, traced, sums, followed], device="cpu")
+        wp.launch(build_storing().average_paths, 60, [*of, 1, paths, traced, sums, followed], device="cpu")
         before, now = first.mean(axis=1), light.mean(axis=1)
         ratio = now.sum() / before.sum()
         expected = np.sqrt(np.square(now - ratio * before).sum()) / before.sum()
@@ -194,13 +194,13 @@ def test_a_lamp_that_goes_out_leaves_no_light_behind():
 @pytest.mark.parametrize("blinks", [False, True])
 def test_paths_have_limits_unless_lamps_change_their_brightness(monkeypatch, blinks):
     """Then all paths find more or less at once, and that is no luck of one of them."""
-    close, limits = PathStore.close, []
+    store, limits = PathStore.store, []
 
-    def note_and_close(store):
-        limits.extend(store._paths.numpy()["limit"][: store.stored])
-        close(store)
+    def store_and_note(paths, *given):
+        store(paths, *given)
+        limits[:] = paths._paths.numpy()["limit"][: paths.stored]
 
-    monkeypatch.setattr(PathStore, "close", note_and_close)
+    monkeypatch.setattr(PathStore, "store", store_and_note)
     world = room(hw.IDENTITY if blinks else there_and_back(), lamp_at())
     lamp = replace(world.sphere_lights[0], modulation=Pwm(5.0, 0.5) if blinks else None)
     shown, _ = pictures(replace(world, sphere_lights=(lamp,)), [10_000, 60_000])

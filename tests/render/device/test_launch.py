@@ -1,0 +1,60 @@
+"""Kernels that several threads launch tile by tile."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import warp as wp
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clsim.render.cache.light_grid import add_shared
+from clsim.render.device.launch import Threads, Tiles, record
+
+CPU = SimpleNamespace(is_cpu=True)
+
+
+@wp.kernel(enable_backward=False)
+def add_one(first: int, sums: wp.array2d[wp.int64]) -> None:
+    i = first + wp.tid()
+    add_shared(sums, i % 5, i % 2, wp.int64(1))
+
+
+@wp.kernel(enable_backward=False)
+def count(first: int, counts: wp.array[int]) -> None:
+    i = first + wp.tid()
+    counts[i] = counts[i] + 1
+
+
+def test_sums_to_which_many_threads_add_miss_nothing():
+    sums = wp.zeros((5, 2), dtype=wp.int64, device="cpu")
+    threads = Threads(4, CPU)
+    tiles = Tiles(threads, lambda size: record(add_one, size, "cpu", first=0, sums=sums), "first", 1 << 30, 1_000_000)
+    tiles.run(4_000_000, {})
+    threads.close()
+    np.testing.assert_array_equal(sums.numpy(), np.full((5, 2), 400_000))
+
+
+@given(st.integers(1, 4), st.integers(0, 40), st.integers(0, 40), st.integers(1, 50))
+def test_each_number_is_launched_once(many, begin, length, size):
+    counts = wp.zeros(80, dtype=wp.int32, device="cpu")
+    threads = Threads(many, CPU)
+    tiles = Tiles(threads, lambda tile: record(count, tile, "cpu", first=0, counts=counts), "first", 80, size)
+    assert tiles.run(begin + length, {}, begin)
+    threads.close()
+    np.testing.assert_array_equal(np.flatnonzero(counts.numpy() == 1), np.arange(begin, begin + length))
+    assert counts.numpy().sum() == length
+
+
+def test_nothing_is_launched_once_threads_are_cancelled_or_one_has_failed():
+    counts = wp.zeros(4, dtype=wp.int32, device="cpu")
+    threads = Threads(2, CPU)
+    tiles = Tiles(threads, lambda tile: record(count, tile, "cpu", first=0, counts=counts), "first", 4, 1)
+
+    def fail(_):
+        raise ValueError("a launch fails")
+
+    with pytest.raises(ValueError, match="a launch fails"):
+        threads.each(fail, [0, 1])
+    assert not tiles.run(4, {})
+    assert not counts.numpy().any()
