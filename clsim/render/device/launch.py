@@ -13,7 +13,11 @@ from clsim.forks import check_process
 from clsim.render.device.devices import usable_cores
 
 _TILE_PATHS = 4096
-"""Paths a launch on a CPU traces: some 10 ms, so that an interrupt is quick and threads end together."""
+"""Paths a launch on a CPU traces at most: some 10 ms, so that an interrupt is quick …"""
+_TILES_EACH = 4
+"""… and tiles for each thread at least, so that threads end together, …"""
+_LEAST_TILE = 1024
+"""… unless they would be smaller than this: a launch itself takes as long as some tens of pixels."""
 
 
 def record(kernel: Any, dim: int, device: Any, **arguments: Any) -> Any:
@@ -88,7 +92,7 @@ class Tiles:
     """A kernel whose threads are pixels, or other things with numbers, launched tile by tile.
 
     Attributes:
-        size: pixels in a launch.
+        size: pixels in a launch at most.
     """
 
     def __init__(
@@ -107,7 +111,7 @@ class Tiles:
             make_launch: records a launch of a tile of that size.
             offset: the kernel's argument that tells a tile's first pixel.
             most: pixels there are at most.
-            size: pixels in a launch; None takes all.
+            size: pixels in a launch at most; None takes all.
             count: the kernel's argument that tells how many pixels one of its threads takes, one after the other: all
                 of a tile on a CPU, else 1. None where each has a thread of the kernel.
         """
@@ -115,7 +119,8 @@ class Tiles:
         self._offset = offset
         self._count = count if threads.on_cpu else None
         self._threads = threads
-        self._launches = [make_launch(self.size) for _ in range(min(threads.count, -(-most // self.size)))]
+        self._launches = [make_launch(self.size) for _ in range(min(threads.count, most))]
+        self._places = {each.label: place for place, each in enumerate(self._launches[0].kernel.adj.args)}
 
     def run(self, end: int, changed: dict[str, Any], begin: int = 0) -> bool:
         """Launch over the pixels from ``begin`` to ``end`` with those arguments of the kernel that have changed.
@@ -125,27 +130,36 @@ class Tiles:
         Raises:
             clsim.Error: this process was forked since the threads were started.
         """
-        for launch in self._launches:
-            for name, value in changed.items():
-                launch.set_param_by_name(name, value)
+        size = self.size
+        if self._threads.count > 1:
+            size = min(size, max(_LEAST_TILE, -(-(end - begin) // (_TILES_EACH * self._threads.count))))
+        firsts = range(begin, end, size)
+        self._set(changed)
         # next() of a range iterator is one step of the interpreter, so that threads may share it.
-        firsts = iter(range(begin, end, self.size))
-        tiles = -(-(end - begin) // self.size)
-        self._threads.each(lambda launch: self._drain(launch, firsts, end), self._launches[: max(1, tiles)])
+        left = iter(firsts)
+        self._threads.each(lambda launch: self._drain(launch, left, size, end), self._launches[: max(1, len(firsts))])
         return not self._threads.cancelled
 
-    def _drain(self, launch: Any, firsts: Any, end: int) -> None:
-        labels = [argument.label for argument in launch.kernel.adj.args]
-        offset, set_to = labels.index(self._offset), 0
+    def _set(self, changed: dict[str, Any]) -> None:
+        """Let all launches have these arguments, which one of them converts for the kernel: that takes some µs each."""
+        one, *others = self._launches
+        for name, value in changed.items():
+            place = self._places[name]
+            one.set_param_at_index(place, value)
+            for other in others:
+                other.params[1 + place] = one.params[1 + place]
+
+    def _drain(self, launch: Any, firsts: Any, most: int, end: int) -> None:
+        offset, set_to = self._places[self._offset], 0
         for first in firsts:
             if self._threads.cancelled:
                 return
-            size = min(self.size, end - first)
+            size = min(most, end - first)
             if size != set_to:
                 # That of the last tile alone is another one.
                 set_to = size
                 if self._count is not None:
-                    launch.set_param_by_name(self._count, size)
+                    launch.set_param_at_index(self._places[self._count], size)
                 launch.set_dim(size if self._count is None else 1)
             launch.set_param_at_index(offset, first)
             launch.launch()
