@@ -265,6 +265,20 @@ def test_light_that_was_set_before_a_snapshot_shines_again_after_another(tmp_pat
         assert goes_on() == first
 
 
+def test_a_snapshot_holds_the_poses_that_wait_for_the_end_of_a_step_and_no_others(tmp_path: Path) -> None:
+    aside = (0.4, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    with stage.simulator(tmp_path) as run:
+        run.step(0)
+        before = run.snapshot()
+        run.set_pose("box", aside)
+        waits, moved = run.snapshot(), run.step(10_000).tobytes()
+        assert moved
+        run.restore(waits)
+        assert run.step(10_000).tobytes() == moved
+        run.restore(before)
+        assert not len(run.step(10_000))
+
+
 def test_what_an_object_lacked_at_a_snapshot_it_lacks_again() -> None:
     """What is found once and kept must be found anew, for it may be of what came later."""
     held = Labeller()

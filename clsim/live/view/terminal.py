@@ -21,6 +21,8 @@ LEVELS = 4
 """Steps of brightness for each polarity."""
 _FULL_PER_SIDE = 2.0
 """An edge through a cell of n × n pixels fires about n events: this many times n make the brightest."""
+_CUBE = (0, 95, 135, 175, 215, 255)
+"""Values of red, green and blue that terminals with 256 colours have."""
 _TABLE = {level: lut()[ZERO + round(85 * level / LEVELS)] for level in range(-LEVELS, LEVELS + 1) if level}
 
 
@@ -124,5 +126,5 @@ def _code(rgb: npt.NDArray[np.uint8], full_colour: bool) -> str:
     red, green, blue = (int(value) for value in rgb)
     if full_colour:
         return f"2;{red};{green};{blue}"
-    cube = [min(5, max(0, round((value - 55) / 40))) for value in (red, green, blue)]
+    cube = [min(range(6), key=lambda k: abs(_CUBE[k] - value)) for value in (red, green, blue)]
     return f"5;{16 + 36 * cube[0] + 6 * cube[1] + cube[2]}"

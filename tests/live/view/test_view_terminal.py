@@ -93,6 +93,18 @@ def test_terminals_with_256_colours_get_those() -> None:
     assert all(16 <= int(code[2:]) <= 231 for code in (seen[0][0], seen[1][1]))
 
 
+def test_each_of_256_colours_is_the_nearest_that_there_is() -> None:
+    """Of the cube behind the first 16: red changes slowest, and its steps are these in all terminals."""
+    steps = np.array([0, 95, 135, 175, 215, 255])
+    for value in range(256):
+        for k in range(3):
+            colour = np.roll([value, 128, 255], k).astype(np.uint8)
+            number = int(terminal._code(colour, False).removeprefix("5;")) - 16
+            shown = steps[[number // 36, number // 6 % 6, number % 6]]
+            nearest = np.abs(steps - colour[:, None].astype(int)).min(axis=1)
+            assert np.array_equal(np.abs(shown - colour.astype(int)), nearest), (colour, shown)
+
+
 def test_a_screen_is_painted_over_itself_and_gives_the_cursor_back(monkeypatch: pytest.MonkeyPatch) -> None:
     # Not in shutil itself: pytest asks it too.
     size = os.terminal_size((40, 12))

@@ -34,6 +34,20 @@ def test_flow_has_the_colours_of_the_wheel() -> None:
     assert picture[3].tolist() == [140, 0, 0] and picture[4].tolist() == [0, 0, 0]
 
 
+@pytest.mark.parametrize("whatever", [0.0, 1e6, -1e6, np.nan, np.inf])
+def test_what_is_not_known_changes_no_picture_of_what_is(whatever: float) -> None:
+    """Data sets fill what they do not know with anything, and the range is that of what is known."""
+    known = np.array([[1, 1, 1, 0, 0]])
+    flow = np.array([[(5.0, 0.0), (-2.0, 1.0), (0.0, -3.0), (whatever, whatever), (0.0, whatever)]])
+    picture = FlowPicture()(flow, known, known)
+    assert np.array_equal(picture[:, :3], FlowPicture()(flow[:, :3], known[:, :3], known[:, :3]))
+    assert not picture[:, 3:].any()
+    nowhere = -abs(whatever)  # nothing is behind the camera, or at it
+    depth = np.array([[1.0, 2.0, 4.0, nowhere, np.inf]])
+    seen = DepthPicture()(depth)
+    assert np.array_equal(seen[:, :3], DepthPicture()(depth[:, :3])) and not seen[:, 3:].any()
+
+
 def test_each_object_has_a_colour() -> None:
     picture = ids_picture(np.arange(30.0)[None])[0]
     assert not picture[0].any() and len({tuple(c) for c in picture.tolist()}) == 30

@@ -3,6 +3,8 @@
 import asyncio
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from clsim.live.view import hub as hub_module
 from clsim.live.view.hub import Hub, Watcher
@@ -48,3 +50,26 @@ def test_a_large_packet_pushes_out_as_many_small_ones_as_it_takes(monkeypatch: p
     watcher.put(b"large", 75)
     assert watcher.waiting_events == 95 and watcher.dropped_events == 80
     assert [watcher.next_packet() for _ in range(4)] == [bytes([8]), bytes([9]), b"large", None]
+
+
+@given(st.lists(st.one_of(st.integers(0, 150), st.sampled_from(["send", "jump"])), max_size=25))
+def test_whatever_comes_goes_and_jumps_what_waits_is_counted_right(happens: list[int | str]) -> None:
+    """A count that outlived a jump would push out packets for which there is room."""
+    watcher, waiting, dropped, missed = Watcher(), [], 0, 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hub_module, "QUEUE_EVENTS", 200)
+        for each in happens:
+            if each == "jump":
+                watcher.clear()
+                waiting, missed = [], 0
+            elif each == "send":
+                watcher.seen = watcher.sent
+                assert watcher.next_packet() == (bytes([waiting.pop(0)]) if waiting else None)
+            else:
+                watcher.put(bytes([each]), each)
+                waiting.append(each)
+                while sum(waiting) > 200:
+                    lost = waiting.pop(0)
+                    dropped, missed = dropped + lost, missed + lost
+            assert watcher.waiting_events == sum(waiting)
+            assert (watcher.dropped_events, watcher.missed_events) == (dropped, missed)
