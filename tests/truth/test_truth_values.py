@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -194,6 +194,34 @@ def test_flow_that_goes_too_far_for_16_bits_is_not_known() -> None:
     coded = flow_image(np.concatenate([ways, np.ones((6, 2), np.float32)], axis=1)[None])[0].astype(float)
     assert coded[:, 2].tolist() == [0, 0, 0, 0, 1, 1]
     np.testing.assert_array_equal((coded[4:, :2] - 32768) / 128, ways[4:])
+
+
+@given(st.lists(st.floats(-300, 300, width=32), min_size=2, max_size=2), st.sampled_from([1.0, 256.0, 255.9]))
+@example([255.998, -255.998], 1.0)
+def test_flow_that_dsec_can_tell_comes_back_and_no_other(way: list[float], unit: float) -> None:
+    """Just below 256 pixels, rounding would lead beyond 16 bits, and so to the other side."""
+    flow = np.array([[[way[0], way[1], 1.0, 1.0], [unit, -unit, 1.0, 1.0]]], np.float32)
+    coded = flow_image(flow)[0].astype(float)
+    for (x, y, _, _), (red, green, valid) in zip(flow[0], coded, strict=True):
+        if valid:
+            np.testing.assert_allclose(((red - 32768) / 128, (green - 32768) / 128), (x, y), atol=0.5 / 128)
+        else:
+            assert max(abs(x), abs(y)) > 255.8
+
+
+@pytest.mark.parametrize("with_depth", [True, False])
+def test_mvsec_has_no_flow_of_the_sky(tmp_path: Path, with_depth: bool) -> None:
+    """It has flow by its depth, and so do they who score by it; where no depth is recorded, nobody knows the sky."""
+    size = recordings.HEIGHT, recordings.WIDTH
+    depth, flow = np.full(size, 2.0, np.float32), np.ones((*size, 4), np.float32)
+    depth[:5] = np.inf
+    planes = {"flow": flow} | ({"depth": depth} if with_depth else {})
+    path = str(tmp_path / "run.mvsec")
+    layout = open_layout(path, recordings.about(names=tuple(planes)))
+    layout.shot(Shot(0, 0, 10_000, 0, planes))
+    layout.close()
+    (found,) = read_recording(path).shots()
+    assert np.array_equal(found.planes["flow"][..., 2] > 0, np.isfinite(depth) | (not with_depth))
 
 
 def test_a_picture_of_ecd_comes_before_the_event_at_its_own_time(tmp_path: Path) -> None:
