@@ -67,8 +67,9 @@ class Bars:
         pass
 
 
-def run(scene, fps, tolerance_us=None, duration_s=0.1, specimen=None, config=CONFIG):
-    options = {"tracer": None if tolerance_us is None else scene, "tolerance_us": tolerance_us or 0.0}
+def run(scene, fps, tolerance_us=None, duration_s=0.1, specimen=None, config=CONFIG, way_px=None):
+    tracer = None if tolerance_us is None and way_px is None else scene
+    options = {"tracer": tracer, "tolerance_us": tolerance_us or 0.0, "way_px": way_px}
     detector = Detector(config, WIDTH, HEIGHT, scene.names, specimen=specimen, **options)
     frame = Frame(page_aligned((len(scene.names), HEIGHT, WIDTH)), scene.names)
     events = []
@@ -115,6 +116,23 @@ def test_each_polarity_has_its_own_threshold_between_frames_too(on, off, rises):
         if len(reference):
             found = errors(events, reference)
             assert len(found) >= 0.98 * len(reference) and np.median(found) <= 40 and np.quantile(found, 0.9) <= 80
+
+
+@pytest.mark.parametrize(("on", "off"), [(0.2, 0.6), (0.6, 0.2)])
+@pytest.mark.parametrize("rises", [True, False])
+def test_whole_pictures_between_frames_have_each_polaritys_threshold(on, off, rises):
+    """A bar that is brighter, or darker, by 0.3 has come and gone again by the next frame."""
+    wall, bar = (0.1, 0.1 * np.exp(0.3)) if rises else (0.1 * np.exp(0.3), 0.1)
+    scene = Bars(300.0, bar_px=2.0, first_px=20.0, wall=wall, bar=bar, day=0.0)
+    config = replace(CONFIG, threshold_on=on, threshold_off=off)
+    events, _ = run(scene, 30, duration_s=1 / 30, config=config, way_px=0.25)
+    events = events[events["x"] >= 20]  # behind, the bar was there at first
+    fires = (on if rises else off) <= 0.3
+    assert set(events["x"]) == (set(range(20, 30)) if fires else set()) and (events["on"] == rises).all()
+    # When so much of the pixel is covered that light has grown by the threshold.
+    front_us = (events["x"] - 20 + np.expm1(0.2) / np.expm1(0.3)) / 300 * 1e6
+    if rises:
+        np.testing.assert_allclose(events["t"], front_us, atol=30)
 
 
 @pytest.mark.parametrize(("on", "off"), [(0.2, 0.6), (0.6, 0.2)])
