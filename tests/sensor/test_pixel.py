@@ -247,16 +247,19 @@ def test_a_real_pixel_walks_knots():
     assert [t for t, _ in told[1]] == [math.ceil(t * 1e6) for t, _ in expected]
 
 
-def test_a_flash_is_capped_and_counted():
+@pytest.mark.parametrize("sign", [1, -1], ids=["ON", "OFF"])
+def test_a_flash_is_capped_and_counted(sign):
     # 30 ln/ms in two parts of each step: 1000 events of a pixel are written, and the others counted.
-    bench = Benchtop(replace(SensorSettings(), threshold=Threshold(mismatch=1e-12)), 3, on=1e-3, off=1e-3)
+    sizes = dict(zip(("on", "off")[::sign], (1e-3, 7e-4), strict=True))
+    bench = Benchtop(replace(SensorSettings(), threshold=Threshold(mismatch=1e-12)), 3, **sizes)
     bench.to(0, 0.0)
-    events = bench.to(1000, [0.0, 0.9005, 3.0005], [[], [], [(500_000, 1.5)]])
+    flash = sign * np.array([0.0, 0.9005, 3.0005])
+    events = bench.to(1000, flash, [[], [], [(500_000, sign * 1.5002)]])
     fired = bench.fired
     assert np.bincount(events["x"], minlength=3).tolist() == [0, 900, 1000]
     assert fired.capped == 2000 and fired.most_crossings == 3000 and fired.many_crossings == 2
     # Nothing is owed.
-    assert len(bench.to(2000, [0.0, 0.9005, 3.0005])) == 0
+    assert len(bench.to(2000, flash)) == 0 and (events["on"] == (sign > 0)).all()
 
 
 def test_no_pixel_fires_faster_than_its_rest_allows():

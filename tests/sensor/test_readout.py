@@ -92,6 +92,41 @@ def test_another_row_takes_longer():
     assert other["t"][-1] == 1000 + 10 * 1000 + 3000 * changes
 
 
+def event_reads(requests, event_ns, row_ns, most_ns):
+    """Return when each request is served by a bus that takes events one by one, None if it is lost."""
+    free, row, times = 0, None, []
+    for t, y in zip(requests["t"].tolist(), requests["y"].tolist(), strict=True):
+        begin = max(t, free)
+        served = begin - t <= most_ns
+        free = begin + event_ns + (0 if y == row else row_ns) if served else free
+        row = y if served else row
+        times.append(free if served else None)
+    return times
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 4000), st.integers(0, 2)), max_size=60),
+    st.integers(10, 90),
+    st.integers(0, 300),
+    st.sampled_from([None, 0.0, 0.05, 0.4]),
+    st.lists(st.integers(0, 4000), max_size=3),
+)
+@settings(max_examples=60, deadline=None)
+def test_events_are_served_as_they_come_and_take_longer_in_another_row(asked, event_ns, row_ns, most_us, cuts):
+    """Whose row was last is known from call to call: where these end changes nothing."""
+    requests = np.zeros(len(asked), REQUEST)
+    requests["t"], requests["y"] = np.array(sorted(asked), np.int64).reshape(-1, 2).T
+    expected = event_reads(requests, event_ns, row_ns, np.inf if most_us is None else 1000 * most_us)
+    chip = bus(event_us=event_ns / 1000, row_us=row_ns / 1000, most_wait_us=most_us)
+    found, lost = [], 0
+    for begin, end in pairwise([0, *sorted(cuts), 5000]):
+        part = requests[(requests["t"] > begin) & (requests["t"] <= end)]
+        served, gone = chip.run(part, end)
+        found += served["t"].tolist()
+        lost += gone
+    assert found == [t for t in expected if t is not None] and lost == expected.count(None)
+
+
 def row_reads(requests, event_ns, row_ns, most_ns, shared):
     """Return when each request is served by an arbiter of rows, None if it is lost: told anew, event by event."""
     waiting, free, times, i = [], 0, [None] * len(requests), 0

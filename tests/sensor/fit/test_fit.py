@@ -95,6 +95,21 @@ def test_hot_pixels_are_found_in_half_a_second():
     assert found.noise_hz[0] == pytest.approx(0.05, rel=0.3) and found.hot_hz[0] == pytest.approx(200, rel=0.1)
 
 
+def test_errors_of_hot_pixels_are_what_other_pixels_of_their_kind_would_make_of_it():
+    """Drawn again and again from the same hot pixels, median and spread differ by as much as they are said to."""
+    generator = np.random.default_rng(4)
+    on, off = generator.poisson(0.5, (2, 60, 60))
+    hot = generator.choice(on.size, 200, replace=False)
+    on.ravel()[hot] += generator.poisson(2000 * 10 ** generator.normal(0, 0.2, len(hot)))
+    found = fit_still(Counts(on, off, 10.0))
+    assert found.hot.sum() == len(hot)
+    rates = (on + off)[found.hot] / 10.0
+    drawn = generator.choice(rates, (1000, len(hot)))
+    assert found.hot_hz == pytest.approx((np.median(rates), np.median(drawn, axis=1).std()), rel=0.3)
+    spreads = np.log10(drawn).std(axis=1, ddof=1)
+    assert found.hot_decades == pytest.approx((np.log10(rates).std(ddof=1), spreads.std()), rel=0.3)
+
+
 def test_a_leak_is_found_in_less_than_its_period():
     # 0.1 Hz over 0.6 s: one pixel in seventeen fires once.
     settings = SensorSettings(noise=Noise(0.005, 0.005), leak=Leak(0.1, 0.25))
