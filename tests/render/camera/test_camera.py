@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.render import RenderOptions
-from clsim.render.camera.camera import CameraData, CameraState, invertible, make_camera
+from clsim.render.camera.camera import CameraData, CameraState, invertible, make_camera, make_projection
 from clsim.render.device.devices import start_warp
 from clsim.render.motion.shutter import quaternions
 from clsim.scene import Camera, Lens, Material, Static
@@ -181,6 +181,46 @@ def test_where_distortion_folds_there_are_no_rays():
     beyond = np.hypot(x, y) / 32 > edge + 0.04
     assert np.all(frame.planes[:11, beyond] == 0) and np.all(frame.plane("Samples") == 8)
     assert np.all(frame.plane("Coverage")[np.hypot(x, y) / 32 < edge - 0.04] == 1)
+
+
+def projected(view, directions):
+    """What kernels have for where these directions (x right, y down, z forward) are seen, and whether they are."""
+    start_warp()
+    features = RenderOptions().features_of(hw.with_camera(hw.world(hw.ball(1.0)), view))
+    project_way = make_projection(features)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def projections(view: CameraState, ways: wp.array(dtype=wp.vec3), out_places: wp.array(dtype=wp.vec3)):
+        out_places[wp.tid()] = project_way(view, ways[wp.tid()], 0)
+
+    ways = directions * (1, -1, -1) @ view.motion.pose(0.0)[:3, :3].T
+    found = wp.zeros(len(ways), dtype=wp.vec3, device="cpu")
+    model = CameraData(view, features, np.zeros(3), "cpu").at(0.0)
+    wp.launch(projections, len(ways), [model, wp.array(ways, dtype=wp.vec3, device="cpu"), found], device="cpu")
+    return found.numpy()[:, :2], found.numpy()[:, 2] > 0
+
+
+@pytest.mark.parametrize(
+    ("lens", "widest_deg"),
+    [
+        (Lens(distortion=BROWN), None),
+        (Lens(distortion=(-0.5,)), np.degrees(np.arctan(np.sqrt(2 / 3)))),
+        (Lens(model="fisheye", distortion=(-0.2,)), np.degrees(np.sqrt(1 / 0.6))),
+        (Lens(model="fisheye"), 180.0),
+    ],
+    ids=["brown-conrady", "folds", "fisheye that folds", "fisheye"],
+)
+def test_what_is_seen_is_where_opencv_has_it_and_nothing_is_seen_beyond_the_lens(lens, widest_deg):
+    """θ·(1 − 0.2·θ²) grows up to θ = √(1 / 0.6) alone, and what is farther aside must not be told at another place."""
+    view = camera(lens, fov_deg=90.0)
+    directions = np.random.default_rng(0).normal(size=(3000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    aside_deg = np.degrees(np.arccos(directions[:, 2]))
+    places, seen = projected(view, directions)
+    widest_deg = np.degrees(np.arctan(np.sqrt(invertible(BROWN, False)))) if widest_deg is None else widest_deg
+    np.testing.assert_array_equal(seen, aside_deg <= widest_deg)
+    assert seen.sum() > 100 and (widest_deg == 180.0 or (~seen).sum() > 100)
+    np.testing.assert_allclose(places[seen], project(view, directions[seen]) + 0.5, rtol=1e-5, atol=2e-4)
 
 
 def test_a_fisheye_sees_behind_itself_and_no_farther_than_straight_back():

@@ -59,3 +59,20 @@ def test_the_mean_of_a_checkerboard_is_that_of_many_points():
     assert one_edge.sum() > 40 and np.abs(found.numpy() - true)[one_edge].max() < 0.004
     assert ((true > 0.02) & (true < 0.98)).sum() > 100
     assert error.max() < 0.03 and np.sqrt((error**2).mean()) < 0.004
+
+
+def test_of_a_great_many_squares_each_colour_has_half():
+    """However many there are: lines through a pixel end after some, and what lies beyond must not be left out."""
+    random = np.random.default_rng(1)
+    count = 200
+    squares = np.geomspace(20, 1e5, count)
+    turn = random.uniform(0, 2 * np.pi, count)
+    across = squares[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1) / SCALE
+    down = across[:, ::-1] * (-1, 1)
+    given = np.zeros(count, dtype=Footprint.numpy_dtype())
+    start = random.uniform(-3, 3, (count, 2))
+    for name, (x, y) in CORNERS.items():
+        given[name] = np.concatenate([start + x * across + y * down, np.ones((count, 1))], axis=1)
+    found = wp.zeros(count, dtype=float)
+    wp.launch(shares, dim=count, inputs=[wp.array(given, dtype=Footprint), 16, found])
+    assert np.abs(found.numpy() - 0.5).max() < 0.02
