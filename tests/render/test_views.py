@@ -105,3 +105,15 @@ def test_a_view_has_frames_until_its_motion_ends(duration_s, fps, frames):
     """0.29 s at 100 frames a second are 29 intervals, though 0.29 · 100 is a little less."""
     world = replace(moving_world(), duration_s=duration_s, fps=fps)
     assert View(SceneData(world), OPTIONS).frame_count == frames
+
+
+@pytest.mark.parametrize("noise", ["independent", "common"])
+def test_a_loop_has_the_noise_of_later_frames_where_each_has_its_own(noise):
+    """The second round shows the first one's frames with the random numbers that a run without a loop would have."""
+    source = View(SceneData(moving_world(0.0)), replace(OPTIONS, noise=noise), camera=eyes()[0])
+    later = shoot(source, 5)
+    source.noise_offset = 4
+    np.testing.assert_array_equal(shoot(source, 1), later)
+    source.noise_offset = 0
+    assert np.array_equal(shoot(source, 1), later, equal_nan=True) == (noise == "common")
+    source.close()
