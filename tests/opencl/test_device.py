@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -109,6 +110,31 @@ def test_a_trial_is_remembered_for_a_device_a_driver_and_a_processor(
     assert fault() == FAULT and fault() == FAULT and len(tried) == 4  # it may be mended meanwhile
     assert len(list((cache_folder() / "opencl").iterdir())) == 2
     trial.fault_of.cache_clear()
+
+
+def test_whatever_of_a_device_its_driver_or_clsim_is_another_it_is_tried_anew(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A driver that was updated may crash where the older one did not."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    tried: list[Any] = []
+    monkeypatch.setattr(trial, "_try_outside", lambda device, told: tried.append(device))
+
+    def is_tried(change: Callable[[Broken], None] = lambda device: None) -> bool:
+        device, before = Broken("Turbo", cl.device_type.GPU), len(tried)
+        change(device)
+        assert trial.fault_of(device) is None
+        return len(tried) > before
+
+    assert is_tried() and not is_tried()
+    for name in ("name", "version", "driver_version"):
+        assert is_tried(lambda device, name=name: setattr(device, name, "2.0")), name
+    for name in ("name", "version"):
+        assert is_tried(lambda device, name=name: setattr(device.platform, name, "2.0")), name
+    monkeypatch.setattr(trial, "told_name", lambda device: "haswell")
+    assert is_tried()
+    monkeypatch.setattr(trial, "VERSION", "0.0.0")
+    assert is_tried() and not is_tried()
 
 
 def test_a_trial_sees_what_is_computed_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
