@@ -111,7 +111,7 @@ class CameraPipeline:
     def snapshot(self) -> Snapshot:
         """Return all that the stages remember."""
         queue = getattr(self.detector, "queue", None)  # what runs in numpy has none
-        return Snapshot((self.view, self.detector, self._board, self._frame), queue, _SHARED)
+        return Snapshot((self.view, self.detector, self._board, self._frame, self._causes), queue, _SHARED)
 
     def release(self) -> None:
         """Release the devices' memory; safe to call twice."""

@@ -279,6 +279,29 @@ def test_a_snapshot_holds_the_poses_that_wait_for_the_end_of_a_step_and_no_other
         assert not len(run.step(10_000))
 
 
+def test_all_that_can_be_read_is_after_a_restore_what_it_was(tmp_path: Path) -> None:
+    def told() -> dict[str, object]:
+        frame = run.frame()
+        return {
+            "frame": (frame.planes.tobytes(), frame.time_us, frame.index),
+            "truth": {name: values.tobytes() for name, values in run.truth().items()},
+            "causes": run.causes.tobytes(),
+            "times": (run.time_us, run.frame_time_us),
+            "poses": [run.pose(name).tobytes() for name in run.names],
+        }
+
+    with stage.simulator(tmp_path) as run:
+        run.step(0)
+        run.set_pose("box", ((0.4, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+        assert len(run.step(10_000)) and len(run.causes)
+        saved, before = run.snapshot(), told()
+        run.set_pose("box", ((0.0, 0.2, 0.0), (0.0, 0.0, 0.0, 1.0)))
+        run.step(30_000)
+        assert all(told()[name] != before[name] for name in before)
+        run.restore(saved)
+        assert told() == before
+
+
 def test_what_an_object_lacked_at_a_snapshot_it_lacks_again() -> None:
     """What is found once and kept must be found anew, for it may be of what came later."""
     held = Labeller()
