@@ -16,7 +16,7 @@ from clsim.sensor import load_sensor
 from clsim.sensor.fit import uniform
 from clsim.sensor.fit.fitted import noise_table
 from clsim.sensor.fit.still import Counts
-from clsim.sensor.fit.uniform import Rates, fit_uniform, look_probabilities, rates_of
+from clsim.sensor.fit.uniform import Rates, UniformFit, fit_uniform, look_probabilities, rates_of
 
 TRUE = {"on": 0.2, "off": 0.25, "per_lux": 5.0, "dark": 2.0, "look_s": 0.005, "leak_hz": 0.5, "per_lux_hz": 0.01}
 LUX = (0.2, 1.0, 5.0, 20.0, 60.0, 200.0)
@@ -103,6 +103,18 @@ def test_noise_that_is_alike_in_all_light_tells_nothing_but_leak():
     found = fit_uniform([Rates(lux, (0.018, 3e-4), (0.012, 3e-4)) for lux in LUX])
     assert found.on is found.off is found.photons_per_lux is found.dark_photons is found.look_s is None
     assert found.leak_hz[0] == pytest.approx(0.006, rel=0.3) and found.leak_hz_per_lux[0] < 1e-5
+
+
+def test_a_file_is_a_sensors_also_where_leak_explains_more_events_than_there_were(tmp_path):
+    """Fits err, and bright light fires little else: no rate of noise falls below 0 for that."""
+    leak, per_lux = 0.2, 0.01
+    found = UniformFit(None, None, None, None, None, (leak, 0.1), (per_lux, 0.001), 1.0)
+    rates = [Rates(lux, (0.3 + 0.008 * lux, 0.01), (0.1, 0.01)) for lux in LUX]
+    (tmp_path / "mine.toml").write_text(noise_table(rates, found))
+    noise = load_sensor(str(tmp_path / "mine.toml")).noise
+    expected = [max(0.0, each.on_hz[0] - leak - per_lux * each.lux) for each in rates]
+    assert 0 in expected and noise.on_hz == pytest.approx(tuple(expected), rel=1e-4)
+    assert noise.off_hz == (0.1,) * len(LUX) and noise.lux == LUX
 
 
 def test_few_lights_are_refused():
