@@ -302,8 +302,10 @@ class View:
         patches = self._options.duplicate_in
         if patches is not None:
             return np.stack([each[:, self._duplicate_pixels] for each in planes]).reshape(2, -1, *patches.shape)
-        weights = np.asarray(spectral_weights(self._data.world.sensor.spectral), np.float32)
-        return np.stack([weights @ each[:3, :: self._options.duplicate_every] for each in planes])
+        pixels = np.arange(0, self.width * self.height, self._options.duplicate_every)
+        of_square = np.asarray(seen_by_pixels(self._data.world.sensor), np.float32)
+        weights = of_square[2 * (pixels // self.width % 2) + pixels % self.width % 2]
+        return np.stack([np.einsum("nc,cn->n", weights, each[:3, pixels]) for each in planes])
 
     def forget_light(self) -> None:
         """Forget, or trace again, what is cached of the light, for the next frame: lights have changed."""

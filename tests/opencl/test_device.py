@@ -56,6 +56,14 @@ def test_what_does_not_build_is_passed_over_with_a_word(broken: Any) -> None:
     assert first.name.startswith("Turbo ") and first.fault == FAULT
 
 
+def test_who_names_a_device_that_works_hears_of_no_other(broken: Any) -> None:
+    broken(Broken(f"{trial.POCL} on a Turbo", cl.device_type.GPU))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        chosen = choose_device(trial.POCL.lower())
+    assert "Turbo" not in chosen.name and trial.POCL in chosen.name
+
+
 def test_where_none_works_a_sentence_says_why_and_what_to_do(broken: Any) -> None:
     broken(CPU, alone=True)
     with pytest.raises(InputError, match=r"no OpenCL device works: Slow .*'generic'\); install another PoCL"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from clsim.errors import InputError
 from clsim.frames.patches import Patches
 from clsim.render import RenderOptions
 from clsim.scene import load_world
+from clsim.scene.light.spectral import mosaic_of, seen_by_pixels
 from tests.render.cache.test_light_cache import luminance, panning
 from tests.render.primary.test_steered import Run, textured_world
 
@@ -27,6 +30,29 @@ def test_duplicate_pixels_are_those_of_the_complement_of_the_seed(noise):
         np.testing.assert_allclose(first, luminance(twice.frame).reshape(-1)[::3], rtol=1e-6)
         np.testing.assert_allclose(again, luminance(other.fill(index)).reshape(-1)[::3], rtol=1e-6)
         assert not np.allclose(first, again, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        {"spectral": "silicon"},
+        {"spectral": (0.0, 0.2, 3.0)},
+        {"mosaic": mosaic_of("GRBG", (1.0, 0.1, 0.0), (0.2, 1.0, 0.0), (0.0, 0.0, 1.0))},
+    ],
+    ids=["silicon", "blue", "filters"],
+)
+def test_duplicate_pixels_have_the_brightness_that_their_sensor_sees(seen):
+    """Else pixels that see blue alone would be judged by noise that is mostly green."""
+    world = textured_world()
+    sensor = replace(world.sensor, **seen)
+    run = Run(replace(world, sensor=sensor), duplicate_every=3, first_hit_rays=0, spp=8)
+    planes = run.fill(0).planes[:3]
+    height, width = planes.shape[1:]
+    weights = np.tile(np.reshape(seen_by_pixels(sensor), (2, 2, 3)), (height, width, 1))[:height, :width]
+    expected = np.einsum("yxc,cyx->yx", weights, planes).reshape(-1)[::3]
+    first, again = run.tracer.sampled_twice(run.frame)
+    np.testing.assert_allclose(first, expected, rtol=1e-5)
+    assert again.mean() == pytest.approx(first.mean(), rel=0.1)
 
 
 def test_patches_are_those_of_the_complement_of_the_seed():
