@@ -10,8 +10,8 @@ from hypothesis import example, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from clsim.sensor.pixel_stages import Noise, Refractory
-from tests.sensor.benchtop import EVERYTHING, Benchtop
+from clsim.sensor.pixel_stages import Defects, Noise, Refractory
+from tests.sensor.benchtop import EVERYTHING, Benchtop, planes
 
 RATES = replace(EVERYTHING, noise=replace(EVERYTHING.noise, shot=0.0))
 SENSORS = {
@@ -92,3 +92,13 @@ def test_a_pixel_fires_alike_at_every_frame_rate_where_brightness_is_a_line_betw
     for fps in (120, 960):
         times_us = [round(k * 1e6 / fps) for k in range(round(0.2 * fps) + 1)]
         check(shown(SENSORS[name], times_us, BEGIN_US), frame_by_frame(name, BEGIN_US), {0, 1, 2})
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_dead_pixels_are_silent_and_no_others_whatever_stages_are_on(name):
+    """Hot ones, noise, leak and light itself: nothing fires there, and light does elsewhere."""
+    bench = Benchtop(replace(SENSORS[name], defects=Defects(hot_share=0.5, dead_share=0.5)), 300)
+    events = bench.along([0, 50_000, 100_000, 400_000], [0.0, 2.0, -2.0, -2.0])
+    dead = np.isinf(planes(bench, "P")["ON"])
+    assert 100 < dead.sum() < 200
+    np.testing.assert_array_equal(np.bincount(events["x"], minlength=300) == 0, dead)
