@@ -352,3 +352,28 @@ def test_values_stay_finite_at_the_edges(name):
         direction, weight, pdf, _ = lone.draw(wo, 256)
         assert np.isfinite(direction).all() and np.isfinite(weight).all() and np.isfinite(pdf).all()
         assert (weight >= 0).all()
+
+
+@pytest.mark.parametrize("name", ["conductor .3", "conductor gold", "dielectric .15", "plastic .2"])
+def test_a_specular_colour_multiplies_what_is_reflected_and_nothing_else(name):
+    tint = np.array((0.9, 0.5, 0.1))
+    plain, tinted, none = (
+        Lone(replace(ROUGH[name], specular_color=tuple(colour))) for colour in (WHITE, tint.tolist(), (0.0, 0.0, 0.0))
+    )
+    wo, wi = from_angles(0.5), from_angles(np.linspace(0.1, 3.0, 40), np.linspace(2.5, 3.8, 40))
+    whole, coloured, rest = (each.evaluate(wo, wi)[0] for each in (plain, tinted, none))
+    np.testing.assert_allclose(coloured, rest + tint * (whole - rest), rtol=1e-5, atol=1e-7)
+    reflects, passes = whole[wi[:, 2] > 0] - rest[wi[:, 2] > 0], whole[wi[:, 2] < 0] - rest[wi[:, 2] < 0]
+    assert reflects.max() > 0.02 and not passes.any()
+
+
+@pytest.mark.parametrize("name", ["conductor", "dielectric", "thin-dielectric"])
+def test_a_specular_colour_multiplies_what_mirrors_reflect_and_nothing_else(name):
+    tint = np.array((0.9, 0.5, 0.1))
+    plain, tinted = (Lone(replace(MIRRORS[name], specular_color=tuple(c))) for c in (WHITE, tint.tolist()))
+    wo = from_angles(1.2)
+    direction, weight, *_ = plain.draw(wo, 1000)
+    also, coloured, *_ = tinted.draw(wo, 1000)
+    np.testing.assert_array_equal(also, direction)
+    np.testing.assert_allclose(coloured, weight * np.where(direction[:, 2:] > 0, tint, 1.0), rtol=1e-5)
+    assert (direction[:, 2] > 0).any()
