@@ -52,6 +52,20 @@ def test_it_is_the_lowest_height_of_a_triangle(mesh, motion, expected):
     assert width_of(hw.world(mesh, motions=[motion])) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_what_shrinks_one_way_while_it_moves_is_as_narrow_as_it_becomes(axis):
+    class Shrinks:
+        duration_s = 1.0
+
+        def pose(self, time_s):
+            scale = np.ones(4)
+            scale[axis] = 1.0 - 0.9 * time_s
+            return np.diag(scale)
+
+    told = width_of(hw.world(hw.box((0, 0, 0), (1, 1, 1)), motions=[Shrinks()]))
+    assert 0.05 < told <= 0.1 / np.hypot(1.0, 0.1)
+
+
 def test_it_is_no_more_than_a_lamps_diameter():
     lamp = SphereLight(0.25, (1.0, 1.0, 1.0), Static(np.eye(4)))
     assert width_of(hw.world(hw.box((0, 0, 0), (1, 1, 1)), sphere_lights=(lamp,))) == 0.5
@@ -130,8 +144,10 @@ def seen_coverage(mesh, crumb=()):
         (Lens(distortion=(-0.3, 0.05)), 80.0),
         (Lens(model="fisheye"), 200.0),
         (Lens(model="fisheye", distortion=(-0.05,)), 150.0),
+        (Lens(distortion=(-0.2, 0.05), principal_point=(-0.2, 0.1)), 60.0),
+        (Lens(model="fisheye", distortion=(-0.05,), principal_point=(0.15, -0.1)), 120.0),
     ],
-    ids=["narrow", "wide", "barrel", "fisheye", "distorted fisheye"],
+    ids=["narrow", "wide", "barrel", "fisheye", "distorted fisheye", "barrel aside", "fisheye aside"],
 )
 def test_the_widest_pixel_is_that_of_the_rays(lens, fov_deg):
     """Rays by OpenCV's models, and how far they turn for a hundredth of a pixel to the right and down."""
@@ -150,6 +166,7 @@ def test_the_widest_pixel_is_that_of_the_rays(lens, fov_deg):
         return np.stack([x / focal / size * np.sin(angle), y / focal / size * np.sin(angle), np.cos(angle)], axis=-1)
 
     x, y = np.meshgrid(np.arange(-31.995, 32, 0.5), np.arange(-23.995, 24, 0.5))
+    x, y = x - 64 * lens.principal_point[0], y - 64 * lens.principal_point[1]
     turns = np.stack([rays(x + 0.01, y) - rays(x, y), rays(x, y + 0.01) - rays(x, y)], axis=-1) / 0.01
     widest = np.linalg.svd(turns[np.isfinite(turns).all(axis=(-2, -1))], compute_uv=False).max()
     assert widest_pixel(camera) == pytest.approx(widest, rel=0.03)
