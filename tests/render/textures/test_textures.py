@@ -271,6 +271,18 @@ def test_a_bump_is_a_dent_from_behind():
 
 
 @slow
+def test_heights_bend_normals_behind_a_surface_as_they_do_before_it():
+    """What rises to the right seen from the front is the same slope from behind, and so its other side."""
+    ramp = np.repeat(np.linspace(0, 255, 64)[None, :, None], 3, axis=2)
+    rising = ImageTexture(np.dstack([ramp, np.full((1, 64, 1), 255)]).astype(np.uint8), False, "clamp", "clamp")
+    scene = facing(Material(bump_texture=0, bump_scale=0.3), rising)
+    front = shown_normals(hw.render(scene, spp=4))[1, 1]
+    behind = hw.with_camera(scene, hw.camera(hw.look_from((0, 0, -100), (0, 0, 0)), 4, 4, fov_deg=0.4))
+    assert front[0] < -0.1 and abs(front[1]) < 1e-3 and front[2] > 0.5
+    np.testing.assert_allclose(shown_normals(hw.render(behind, spp=4))[1, 1], -front, atol=0.01)
+
+
+@slow
 @pytest.mark.parametrize("uvs", ["none", "point", "line"])
 def test_degenerate_tangents_leave_the_normal_alone(uvs):
     scene = facing(Material(normal_texture=0), normal_texture((0.6, 0, 0.8)), environment=(1.0, 1.0, 1.0))
