@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clsim.render import SceneData
 from clsim.scene import Instance, Material, PunctualLight, SphereLight, Static
-from clsim.scene.motion import Nested
+from clsim.scene.motion import Nested, Orbit
 from tests.render import hand_worlds as hw
 
 pytestmark = pytest.mark.usefixtures("anything")
@@ -175,3 +176,21 @@ def test_a_world_far_from_its_origin_looks_as_it_does_there(moving):
         a, b = here.plane(name), there.plane(name)
         assert np.isclose(a, b, rtol=1e-3, atol=1e-4).mean() > 0.97, name
         assert abs(a.mean() - b.mean()) < 0.01 * np.abs(a).mean(), name
+
+
+@pytest.mark.parametrize("origin_m", [0.0, 500.0])
+def test_all_of_a_still_world_is_within_its_farthest_and_not_much_nearer(origin_m):
+    """Rays that go no farther must find lamps far from all that has triangles, from wherever they start."""
+    place = hw.translation(origin_m, 0.0, 0.0)
+    lamp = SphereLight(2.0, (1.0, 1.0, 1.0), Static(place @ hw.translation(0, 70, 0)))
+    box = hw.box((-1, -2, -3), (1, 2, 3))
+    world = hw.world(box, motions=[Static(place)], sphere_lights=(lamp,))
+    data, alone = SceneData(world), SceneData(replace(world, sphere_lights=()))
+    for at in np.random.default_rng(0).normal(0, 30, (20, 3)):
+        start = np.add(at, (origin_m, 0, 0))
+        corners = np.linalg.norm(box.vertices.astype(float) - at, axis=1).max()
+        far_side = np.linalg.norm((0, 70, 0) - at) + 2
+        assert max(corners, far_side) - 1e-3 <= data.farthest_m(start) <= max(corners, far_side) + 4
+        assert corners - 1e-3 <= alone.farthest_m(start) <= corners + 4
+    moving = replace(world, instances=(replace(world.instances[0], motion=Orbit((0, 1, 0), 1.0, 1.0)),))
+    assert np.isinf(SceneData(moving).farthest_m(np.zeros(3)))
