@@ -1,8 +1,9 @@
 """Named points of speed against accuracy, and settings that are given with them."""
 
+import contextlib
 import json
 from dataclasses import asdict, replace
-from typing import get_args
+from typing import get_args, get_type_hints
 
 import pytest
 from hypothesis import given
@@ -12,7 +13,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.live.options import LiveOptions
-from clsim.live.quality import DEFAULT, PLAIN, QUALITIES, UNCACHED, Quality, setting_names
+from clsim.live.quality import DEFAULT, PLAIN, QUALITIES, UNCACHED, Point, Quality, setting_names
 from clsim.live.recording_options import RecordingOptions
 from clsim.live.stages import plan_stages
 from clsim.render import RenderOptions
@@ -41,6 +42,24 @@ def test_what_is_given_wins_over_the_named_point() -> None:
     point = options(quality="accurate", spp=24, sampler="pcg", first_hit_rays=8).point
     expected = asdict(QUALITIES["accurate"]) | {"spp": 24, "sampler": "pcg", "first_hit_rays": 8}
     assert asdict(point) == expected
+
+
+@pytest.mark.parametrize("quality", [None, *QUALITIES])
+@pytest.mark.parametrize("sensor", [None, "davis346"])
+def test_each_setting_that_is_given_holds_with_every_quality_and_sensor(
+    quality: Quality | None, sensor: str | None
+) -> None:
+    """Or it is refused: what follows from others are settings that are not given alone."""
+    numbers = {"window": (3, 9), "probe_spp": (1, 2), "spp": (2, 64), "first_hit_rays": (0, 16), "probe_every": (1, 3)}
+    kinds = get_type_hints(Point)
+    held = set()
+    for name in setting_names():
+        for value in numbers.get(name) or get_args(kinds[name]):
+            with contextlib.suppress(InputError):
+                assert getattr(options(quality=quality, sensor=sensor, **{name: value}).point, name) == value
+                held.add(name)
+    # Where all pixels get as many paths, there is no probe.
+    assert held >= set(setting_names()) - {"probe_spp"}
 
 
 def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() -> None:

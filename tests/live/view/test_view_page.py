@@ -21,6 +21,7 @@ from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch, empty_batch
 from clsim.frames import Frame
 from clsim.live.view import hub as hub_module
+from clsim.live.view import server
 from clsim.live.view.hub import Hub, Watcher
 from clsim.live.view.packets import PACKET_EVENTS, event_packets
 from tests.events.event_data import end_of
@@ -375,3 +376,15 @@ def test_another_machine_may_only_watch_with_a_warning() -> None:
     sink = ViewSink("open", WIDTH, HEIGHT, host="0.0.0.0", port=0)
     sink.close()
     assert sink.warning is not None and "every machine" in sink.warning
+
+
+def test_another_port_serves_where_the_usual_one_is_taken_unless_that_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with server.listen(port=0) as first:
+        taken = first.getsockname()[1]
+        monkeypatch.setattr(server, "DEFAULT_PORT", taken)
+        with server.listen() as second:
+            assert second.getsockname()[1] != taken
+        with pytest.raises(InputError, match=f"{taken} cannot be used .*; expected a free port"):
+            server.listen(port=taken)
