@@ -14,6 +14,7 @@ from clsim.render import PathTracer, RenderOptions, SceneData
 from clsim.render.subframe.retracer import Retracer
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static, load_world
 from clsim.scene.driven import CAMERA, Driven, place_of, with_driven
+from clsim.scene.motion import Keyframes
 from tests.render import hand_worlds as hw
 from tests.render.motion.test_blur import Glide
 from tests.render.motion.test_deform import swelling
@@ -201,6 +202,25 @@ def test_where_the_camera_alone_moves_a_pixel_of_each_block_is_followed():
     x, y = 2 * (x // 2) + last + 0.5 - 6.5, 2 * (y // 2) + last + 0.5 - 5.5
     np.testing.assert_allclose(ways[0], np.stack([x, y]) * (2 / 2.3 - 1), atol=2e-4)
     np.testing.assert_allclose(ways[1], np.stack([x, y]) * (1 - 2.3 / 2), atol=2e-4)
+
+
+def test_what_goes_there_and_back_within_a_step_neither_rests_nor_goes_straight():
+    """A camera that is at its end where it was at its start, or nearer to that than in between."""
+    wall, turn = hw.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0)), (0.0, 0.0, 0.0, 1.0)
+
+    def retracer_of(*far):
+        places = tuple((0.0, 0.0, z) for z in far)
+        view = replace(
+            hw.camera(width=13, height=11, fov_deg=90.0), motion=Keyframes((0.0, 0.1, 0.2), places, (turn,) * 3)
+        )
+        data = SceneData(hw.world(wall, view=view, fps=FPS), instants=True)
+        return Retracer(data, RenderOptions(spp=1, max_depth=1))
+
+    back = retracer_of(0.0, 0.3, 0.0)
+    assert back.motion(0.0, 0.2) is not None and back.motion(0.3, 0.4) is None
+    assert back._turns((0, 200_000)) and not back._turns((0, 100_000))
+    for middle, turns in ((0.1, False), (0.2, False), (0.25, True), (0.3, True), (-0.3, True)):
+        assert retracer_of(0.0, middle, 0.2)._turns((0, 200_000)) == turns
 
 
 def test_what_is_seen_from_a_pose_is_remembered_and_is_what_would_be_traced(monkeypatch):
