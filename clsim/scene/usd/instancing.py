@@ -89,11 +89,14 @@ def copies(stage: Stage, prim: Any, warn: Callable[[str], None], most: int) -> C
         wrong = which.min() if which.min() < 0 else which.max()
         warn(f"the copies of {name} are left out: one is of prototype {wrong}, of {len(prototypes)}")
         return None
-    if stage.times(source.GetProtoIndicesAttr()):
+    if stage.times(source.GetProtoIndicesAttr()) or stage.times(source.GetInvisibleIdsAttr()):
         warn(f"copies that appear or vanish are as at the start (first {name})")
     shown = source.ComputeMaskAtTime(Usd.TimeCode(stage.start))
     if shown:
         which = np.where(np.array(shown, bool), which, -1)
+    colors = UsdGeom.PrimvarsAPI(prim).GetPrimvar("displayColor")
+    if colors and colors.HasAuthoredValue() and colors.GetInterpolation() != UsdGeom.Tokens.constant:
+        warn(f"colours of single copies are left out (first {name})")
     found = Copies(stage, prim, prototypes, which)
     if not stage.claim(len(which) * len(found.codes) * MATRIX_BYTES):
         warn(f"the copies of {name} are left out: their places at all times take too much memory")

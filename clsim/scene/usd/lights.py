@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from pxr import UsdLux
+from pxr import UsdGeom, UsdLux
 
 from clsim.errors import InputError
 from clsim.scene.modulation import Modulation
@@ -74,12 +74,27 @@ class LightReader:
             self._surface(prim, kind)
         elif prim.HasAPI(UsdLux.LightAPI):
             self._warn(f"lamps of type {kind} are left out (first {prim.GetName()})")
+            return not prim.IsA(UsdGeom.Gprim)  # a mesh that shines is still a mesh
         else:
             return False
+        self._tell_chosen(prim)
         return True
 
+    def _tell_chosen(self, prim: Any) -> None:
+        """Warn of light that would reach only some things, or some parts of what surfaces scatter."""
+        name, get = prim.GetName(), prim.GetAttribute
+        if any(self._stage.value(get(f"inputs:{part}")) not in (None, 1.0) for part in ("diffuse", "specular")):
+            self._warn(f"factors of lamps on diffuse and specular light are left out (first {name})")
+        if self._stage.value(get("inputs:shadow:enable")) is False:
+            self._warn(f"lamps without shadows have shadows (first {name})")
+        places = [
+            f"collection:{link}Link:{which}" for link in ("light", "shadow") for which in ("includes", "excludes")
+        ]
+        if any(link.GetTargets() for place in places if (link := prim.GetRelationship(place))):
+            self._warn(f"lamps for some objects shine on all (first {name})")
+
     def _size(self, prim: Any, name: str, default: float) -> float:
-        found = self._stage.value(prim.GetAttribute(f"inputs:{name}"))
+        found = self._stage.still(prim.GetAttribute(f"inputs:{name}"))
         size = default if found is None else abs(float(found))
         if not math.isfinite(size):
             raise PrimError(f"{self._stage.path}: {prim.GetPath()} has a {name} that is not finite")
@@ -106,6 +121,7 @@ class LightReader:
         radiance, change = self._radiance(prim, 4 * math.pi * (radius * unit) ** 2)
         motion, name = self._place(prim), prim.GetName()
         outer = self._size(prim, "shaping:cone:angle", 90.0)
+        self._left_out(prim, name, "shaping:focus", "shaping:ies:file")
         as_point = bool(self._stage.value(prim.GetAttribute("treatAsPoint"))) or radius == 0
         if outer >= 90.0 and not as_point:
             self.lights.spheres.append(SphereLight(radius * scale, radiance, motion, name, change))
@@ -123,7 +139,6 @@ class LightReader:
         self.lights.points.append(spot)
         if not as_point:
             self._warn(f"spheres that shine into a cone are spots without size (first {name})")
-        self._left_out(prim, name, "shaping:focus", "shaping:ies:file")
 
     def _distant(self, prim: Any) -> None:
         angle = math.radians(min(self._size(prim, "angle", 0.53), 90.0))

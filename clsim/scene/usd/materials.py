@@ -12,7 +12,7 @@ from pxr import UsdGeom, UsdShade
 
 from clsim.scene.usd.light_tracks import brightest
 from clsim.scene.usd.stage import Stage
-from clsim.scene.usd.surfaces import LUMENS_PER_WATT, SurfaceModel, surface_of
+from clsim.scene.usd.surfaces import LUMENS_PER_WATT, SurfaceModel, material_of, surface_of
 from clsim.scene.usd.textures import TextureReader, Told, same_size
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, scaled
 
@@ -41,19 +41,32 @@ class MaterialReader:
 
     def index(self, prim: Any, color: Color | None) -> int:
         """Return the index of the material of a prim; of one without a material that of a colour, None for grey."""
-        bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
-        key: Any = self.path(prim) or color
+        bound = material_of(prim)
+        opacity = 1.0 if bound else self._opacity(prim)
+        key: Any = self.path(prim) or (color, opacity)
         if key not in self._indices:
             plain = Material(color=color or (0.5, 0.5, 0.5), name="" if color is None else prim.GetName())
+            if opacity < 1.0:
+                plain = replace(plain, alpha_mode="blend", opacity=opacity)
             if bound:
                 with self._stage.naming(bound):
                     plain = self._read(bound)
             self._indices[key] = self.add(plain)
         return self._indices[key]
 
+    def _opacity(self, prim: Any) -> float:
+        """Return the opacity that a prim without a material tells; where it differs from face to face, its mean."""
+        primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayOpacity")
+        values = np.array((self._stage.still(primvar.GetAttr()) if primvar else None) or [], np.float64).ravel()
+        if not len(values) or not np.isfinite(values).all():
+            return 1.0
+        if (values != values[0]).any():
+            self._warn(f"opacity that differs over a mesh is its mean (first {prim.GetName()})")
+        return _share(float(values.mean()))
+
     def path(self, prim: Any) -> str:
         """Return the path of the material that a prim has; nothing where it has none."""
-        bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+        bound = material_of(prim)
         return str(bound.GetPath()) if bound else ""
 
     def add(self, material: Material) -> int:
@@ -64,20 +77,19 @@ class MaterialReader:
     def uv_name(self, prim: Any) -> str:
         """Return which primvar the material of a mesh, or that of its first subset, takes for coordinates."""
         subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
+        names: dict[str, None] = {}
         for each in (prim, *(subset.GetPrim() for subset in subsets)):
-            bound, _ = UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial()
+            bound = material_of(each)
             found = surface_of(bound) if bound else None
-            if found and (name := self._reader.uv_name(found[0])):
-                return name
-        return "st"
+            names |= dict.fromkeys(self._reader.uv_names(found[0]) if found else ())
+        if len(names) > 1:
+            self._warn(f"all textures of a mesh use the first of its texture coordinates (first {prim.GetName()})")
+        return next(iter(names), "st")
 
     def color_name(self, prim: Any) -> str | None:
         """Return which primvar gives a mesh its colours: that of its material's, or USD's own where it has none."""
         subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
-        materials = [
-            UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial()[0]
-            for each in (prim, *(subset.GetPrim() for subset in subsets))
-        ]
+        materials = [material_of(each) for each in (prim, *(subset.GetPrim() for subset in subsets))]
         for found in (surface_of(bound) for bound in materials if bound):
             if found and (name := self._reader.primvar_name(found[0], found[1].names["diffuseColor"])):
                 return name
@@ -144,7 +156,11 @@ class MaterialReader:
 
     def _told(self, surface: Any, model: SurfaceModel, key: str) -> Told:
         name = model.names.get(key)
-        return Told() if name is None else self._reader.told(surface, name)
+        told = Told() if name is None else self._reader.told(surface, name, followed=key == "emissiveColor")
+        if told.primvar and key != "diffuseColor":
+            self._warn(f"what a mesh gives to {name} of materials is left out (first {surface.GetPath()})")
+            return Told()
+        return told
 
     def _mean(self, told: Told, key: str, default: float, name: str) -> float:
         """Return a number, or the mean of the picture that tells it."""

@@ -16,6 +16,7 @@ from clsim.scene.meshes.geometry import smooth_normals, transformed
 from clsim.scene.meshes.polygons import triangulated
 from clsim.scene.usd.motion import Shapes
 from clsim.scene.usd.stage import Stage
+from clsim.scene.usd.surfaces import material_of as bound_material
 from clsim.scene.world import F32, Mesh
 
 I64 = npt.NDArray[np.int64]
@@ -95,7 +96,9 @@ def read_mesh(
     normals, uvs = _normals(stage, source, faces), _primvar(stage, prim, uv_name, 2, faces)
     colors = None if color_name is None else _primvar(stage, prim, color_name, 3, faces)
     one_color = None
-    bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+    bound = bound_material(prim)
+    if bound and color_name and colors is None:
+        warn(f"{color_name} that a material asks for is missing: white stands for it (first {prim.GetName()})")
     if not bound and colors is not None and (colors.values == colors.values[0]).all():
         r, g, b = np.clip(colors.values[0], 0.0, 1.0).tolist()
         one_color, colors = (r, g, b), None
@@ -139,7 +142,7 @@ def read_body(stage: Stage, prim: Any, material_of: MaterialOf) -> Mesh | None:
     kind, mesh = prim.GetTypeName(), None
 
     def size(name: str) -> float:
-        found = abs(float(stage.value(prim.GetAttribute(name)) or 0.0))
+        found = abs(float(stage.still(prim.GetAttribute(name)) or 0.0))
         if not math.isfinite(found):
             raise ValueError(f"a {name} of {found}")
         return found
@@ -155,7 +158,7 @@ def read_body(stage: Stage, prim: Any, material_of: MaterialOf) -> Mesh | None:
     if mesh is None:
         return None
     axis = str(stage.value(prim.GetAttribute("axis"))) if kind in ("Plane", "Cylinder", "Cone", "Capsule") else "Z"
-    color = stage.value(UsdGeom.Gprim(prim).GetDisplayColorAttr())
+    color = stage.still(UsdGeom.Gprim(prim).GetDisplayColorAttr())
     r, g, b = np.clip(np.array(color[0]), 0.0, 1.0).tolist() if color else (0.5, 0.5, 0.5)
     material = material_of(prim, (r, g, b) if color else None)
     mesh = replace(mesh, material_ids=np.full(len(mesh.triangles), material, np.int32))
@@ -229,8 +232,14 @@ def _primvar(stage: Stage, prim: Any, name: str, width: int, faces: _Faces) -> _
     primvar = UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(name)
     if not primvar or not primvar.HasValue():
         return None
-    values = _array(primvar.ComputeFlattened(stage.start), np.float32, width)
-    return _checked(values, str(primvar.GetInterpolation()), faces)
+    if name != "normals":
+        stage.still(primvar.GetAttr())
+    values = np.array(primvar.ComputeFlattened(stage.start), np.float32)
+    values = _array(values[:, :width] if values.ndim == 2 else values, np.float32, width)
+    found = _checked(values, str(primvar.GetInterpolation()), faces)
+    if found is None:
+        stage.warn(f"{name} does not fit its mesh and is left out (first {prim.GetName()})")
+    return found
 
 
 def _checked(values: F32, interpolation: str, faces: _Faces) -> _Values | None:

@@ -34,11 +34,11 @@ def read_points(stage: Stage, prim: Any, materials: MaterialReader, warn: Callab
         warn(f"of the points of {name} one in {-(-len(points) // MOST_POINTS)} is shown: they are {len(points)}")
     if stage.times(source.GetPointsAttr()):
         warn(f"points that move stand as at the start (first {name})")
-    widths = np.array(stage.value(source.GetWidthsAttr()) or [], np.float64).ravel()
+    widths = np.array(stage.still(source.GetWidthsAttr()) or [], np.float64).ravel()
     if len(widths) not in (1, len(points)) or not np.isfinite(widths).all():
         widths = np.array([_WIDTH_SHARE * float(np.ptp(points, axis=0).max() or 1.0) / len(points) ** (1 / 3)])
         warn(f"points of {name} tell no widths: they are {widths[0]:.3g} wide")
-    colors = np.array(stage.value(source.GetDisplayColorAttr()) or [], np.float64).reshape(-1, 3)
+    colors = np.array(stage.still(source.GetDisplayColorAttr()) or [], np.float64).reshape(-1, 3)
     one = tuple(np.clip(colors[0], 0.0, 1.0).tolist()) if len(colors) == 1 else None
     several = materials.color_name(prim) == "displayColor" and len(colors) == len(points) > 1
     material = materials.index(prim, (1.0, 1.0, 1.0) if several else one)

@@ -5,7 +5,6 @@ As in glTF, a file without a camera is an asset: the camera orbits around it, an
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,12 +19,10 @@ from clsim.errors import InputError
 from clsim.scene.defaults.framing import (
     ENVIRONMENT,
     ORBIT_S,
-    RESOLUTION,
     bounds,
     glow_lights,
     lamp,
     orbiting_camera,
-    orthographic_camera,
 )
 from clsim.scene.defaults.indoors import stand_inside
 from clsim.scene.meshes.geometry import placed_rigidly, transformed
@@ -33,6 +30,7 @@ from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Matrix, Motion, Static
 from clsim.scene.parts import Parts
 from clsim.scene.rigid import facing, stretch_of
+from clsim.scene.usd.cameras import read_camera
 from clsim.scene.usd.instancing import Copies, copies
 from clsim.scene.usd.lights import LightReader, suns
 from clsim.scene.usd.materials import MaterialReader
@@ -40,7 +38,7 @@ from clsim.scene.usd.meshes import read_body, read_mesh
 from clsim.scene.usd.motion import Shapes, are_similar, motion_of, moving_codes
 from clsim.scene.usd.points import read_points
 from clsim.scene.usd.stage import PrimError, Stage
-from clsim.scene.world import Camera, Instance, Lens, Mesh, World
+from clsim.scene.world import Camera, Instance, Mesh, World
 
 MAX_INSTANCES = 100_000
 MAX_PRIMS = 2_000_000
@@ -366,28 +364,7 @@ class _Reader:
                         yield body, inside @ found.at(self.stage.start)[k] @ matrix
 
     def _add_camera(self, prim: Any) -> None:
-        source = UsdGeom.Camera(prim).GetCamera(Usd.TimeCode(self.stage.start))
-        across, up, focal = source.horizontalAperture, source.verticalAperture, source.focalLength
-        if not all(0 < size < 1e9 for size in (across, up, focal)):
-            raise PrimError(
-                f"{self.stage.path}: {prim.GetPath()} has an aperture or a focal length that is not positive"
-            )
-        if self.stage.times(prim.GetAttribute("focalLength")):
-            self.warn(f"the focal length of {prim.GetName()} is that of the start")
-        width = RESOLUTION[0]
-        if str(source.projection).endswith("Orthographic"):
-            # Apertures are in tenths of the file's unit, as seen from within the camera.
-            scale = np.linalg.norm(self.stage.to_world(prim, self.stage.start)[:3, :2], axis=0) / 10
-            self.cameras.append(orthographic_camera(width, across * scale[0], up * scale[1], self._rigid(prim)))
-            return
-        lens = Lens(principal_point=(-source.horizontalApertureOffset / across, source.verticalApertureOffset / across))
-        if source.fStop > 0 and source.focusDistance > 0:
-            # Focal lengths are in tenths of the file's unit.
-            radius_m = focal / 10 * self.stage.metres / source.fStop / 2
-            lens = replace(lens, aperture_radius_m=radius_m, focus_distance_m=source.focusDistance * self.stage.metres)
-        height = max(1, min(round(width * up / across), 16384))
-        fov_deg = 2 * math.degrees(math.atan(across / 2 / focal))
-        self.cameras.append(Camera(width, height, fov_deg, self._rigid(prim), lens=lens))
+        self.cameras.append(read_camera(self.stage, prim, self._rigid(prim)))
 
     def _rigid(self, prim: Any) -> Motion:
         """Return how a lamp or a camera moves, which no scale of its place makes larger."""

@@ -6,7 +6,7 @@ import re
 import textwrap
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ class Stage:
 
     Attributes:
         path: its file.
+        warn: takes what is left out.
         usd: the stage of usd-core.
         root: 4×4 matrix from its world to ours: metres, +y up.
         metres: length of its unit [m].
@@ -48,7 +49,7 @@ class Stage:
         Raises:
             InputError: naming the file, if it is no USD, or takes too much to open.
         """
-        self.path, self._warn = path, warn
+        self.path, self.warn = path, warn
         self._lacking: set[str] = set()
         collector = UsdUtils.CoalescingDiagnosticDelegate()
         try:
@@ -73,6 +74,8 @@ class Stage:
             told = f"time codes {self.start:g} to {self.end:g}, {self.codes_per_s:g} per second"
             raise InputError(f"{path}: has {told}, expected finite numbers, and more than 0 per second")
         self.end = max(self.start, self.end)
+        if self.end == self.start and not self.usd.HasAuthoredTimeCodeRange():
+            self.start, self.end = self._sampled()
         self._left = MAX_BYTES
         self._bake_skins()
         self._cache: Any = UsdGeom.XformCache()
@@ -87,6 +90,16 @@ class Stage:
             return kind(found)
         except (TypeError, ValueError):
             raise InputError(f"{self.path}: {name} is {found!r}, expected another type") from None
+
+    def _sampled(self) -> tuple[float, float]:
+        """Return the first and the last time code of all samples, where a file tells no range of its own."""
+        codes = [self.start]
+        for prim in self.usd.TraverseAll():
+            for attribute in prim.GetAuthoredAttributes():
+                with suppress(Tf.ErrorException):
+                    sampled = attribute.GetTimeSamples() if attribute.ValueMightBeTimeVarying() else []
+                    codes += [code for code in (*sampled[:1], *sampled[-1:]) if np.isfinite(code)]
+        return (min(codes[1:]), max(codes)) if len(codes) > 1 else (self.start, self.start)
 
     @property
     def duration_s(self) -> float:
@@ -123,6 +136,14 @@ class Stage:
         except (Tf.ErrorException, TypeError) as error:
             raise PrimError(f"{self.path}: {attribute.GetPath()} cannot be read ({_reason(error)})") from None
 
+    def still(self, attribute: Any) -> Any:
+        """Return what `value` does at the start, of what is not followed; a warning tells where it changes."""
+        found = self.value(attribute)
+        if any(self.value(attribute, code) != found for code in self.times(attribute)):
+            name, about = attribute.GetName().rpartition(":")[2], attribute.GetPrim().GetName()
+            self.warn(f"{name} that changes with time is as at the start (first {about})")
+        return found
+
     @contextmanager
     def naming(self, prim: Any) -> Iterator[None]:
         """Raise InputError with a prim's name where its values are not of the types that USD tells, or too few."""
@@ -152,12 +173,12 @@ class Stage:
                     continue
                 self._lacking.add(lacking[1])
             if missing := re.search(r"@([^@]*\.mtlx)@", complaint):
-                self._warn(
+                self.warn(
                     "materials in .mtlx files are left out, which usd-core does not open: `usdcat --flatten` of a USD "
                     f"with MaterialX writes them into the file (first {Path(missing[1]).name})"
                 )
             elif _HARMLESS not in complaint:
-                self._warn(_short(complaint))
+                self.warn(_short(complaint))
 
     def times(self, attribute: Any) -> list[float]:
         """Return the time codes from start to end at which an attribute has samples, with both ends; [] if it is one.
@@ -189,7 +210,7 @@ class Stage:
         Raises:
             InputError: it is missing, an address, or too large.
         """
-        asset = self.value(attribute)
+        asset = self.still(attribute)
         if not isinstance(asset, Sdf.AssetPath) or not asset.path:
             return None
         name = asset.path
@@ -214,7 +235,7 @@ class Stage:
             prim.SetInstanceable(False)
         collector = UsdUtils.CoalescingDiagnosticDelegate()
         if not UsdSkel.BakeSkinning(Usd.PrimRange(self.usd.GetPseudoRoot())):
-            self._warn("a skeleton cannot be followed; its mesh keeps its shape")
+            self.warn("a skeleton cannot be followed; its mesh keeps its shape")
         collector.TakeUncoalescedDiagnostics()
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from pxr import UsdShade
+
 from clsim.scene.world import Vec3
 
 LUMENS_PER_WATT = 683.0
@@ -45,7 +47,7 @@ _PREVIEW = (
     *("diffuseColor", "emissiveColor", "specularColor", "metallic", "roughness", "opacity", "normal"),
     *("useSpecularWorkflow", "ior", "clearcoat", "clearcoatRoughness", "opacityThreshold"),
 )
-PREVIEW = SurfaceModel({name: name for name in _PREVIEW})
+PREVIEW = SurfaceModel({name: name for name in _PREVIEW}, unread=("displacement",))
 _STANDARD = SurfaceModel(
     {
         "diffuseColor": "base_color",
@@ -123,6 +125,14 @@ MODELS = {
     "ND_open_pbr_surface_surfaceshader": _OPEN_PBR,
     "ND_gltf_pbr_surfaceshader": _GLTF,
 }
+
+
+def material_of(prim: Any) -> Any:
+    """Return the material of a prim, that of final pictures before that of previews where clsim can read it."""
+    binding = UsdShade.MaterialBindingAPI(prim)
+    found = [binding.ComputeBoundMaterial(purpose)[0] for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview)]
+    bound = [each for each in found if each]
+    return next((each for each in bound if surface_of(each)), bound[0] if bound else found[0])
 
 
 def surface_of(bound: Any) -> tuple[Any, SurfaceModel] | None:

@@ -98,12 +98,13 @@ class TextureReader:
         self._pixels: dict[str, U8 | None] = {}
         self._indices: dict[tuple[Any, ...], int] = {}
 
-    def told(self, shader: Any, name: str, depth: int = 0) -> Told:
-        """Return what an input is, through all connections."""
+    def told(self, shader: Any, name: str, depth: int = 0, *, followed: bool = False) -> Told:
+        """Return what an input is, through all connections; ``followed`` is what may change with time."""
         source = shader.GetInput(name)
         for attribute in source.GetValueProducingAttributes() if source else []:
             if not UsdShade.Output.IsOutput(attribute):
-                return Told(self._stage.value(attribute), attribute)
+                value = self._stage.value(attribute) if followed else self._stage.still(attribute)
+                return Told(value, attribute)
             node, output = UsdShade.Shader(attribute.GetPrim()), attribute.GetName().rpartition(":")[2]
             kind = str(node.GetIdAttr().Get()) if node else "a graph"
             if kind.startswith(PICTURES):
@@ -112,18 +113,19 @@ class TextureReader:
                 return Told((1.0, 1.0, 1.0), primvar=self._primvar(node, kind))
             passed = next((entry for prefix, entry in PASSING.items() if kind.startswith(prefix)), None)
             if passed is not None and depth < MOST_NODES:
-                return self.told(node, passed, depth + 1)
+                return self.told(node, passed, depth + 1, followed=followed)
             self._warn(f"what {kind} gives to materials is left out (first {name} of {shader.GetPath()})")
         return Told()
 
-    def uv_name(self, shader: Any) -> str | None:
-        """Return which primvar the first picture of a surface takes for texture coordinates; None where it has none."""
+    def uv_names(self, shader: Any) -> list[str]:
+        """Return which primvars the pictures of a surface take for texture coordinates."""
+        names = []
         for source in shader.GetInputs():
             for attribute in source.GetValueProducingAttributes():
                 texture = UsdShade.Shader(attribute.GetPrim())
                 if UsdShade.Output.IsOutput(attribute) and str(texture.GetIdAttr().Get()).startswith(PICTURES):
-                    return self._reader(texture)[0]
-        return None
+                    names.append(self._reader(texture)[0])
+        return names
 
     def primvar_name(self, shader: Any, name: str) -> str | None:
         """Return which primvar an input is; None where it is none."""
@@ -199,6 +201,8 @@ class TextureReader:
             space = "raw" if "color" not in kind or "lin" in told or told == "raw" else "auto"
         srgb = _is_encoded(space, *named)
         names = ("uaddressmode", "vaddressmode") if kind.startswith("ND_") else ("wrapS", "wrapT")
+        if any(str(self._value(shader, wrap)) in ("black", "constant") for wrap in names):
+            self._warn(f"pictures that are black outside are as at their edge there (first {name})")
         wraps = [_WRAPS.get(str(self._value(shader, wrap)), "repeat") for wrap in names]
         image = ImageTexture(pixels, srgb=srgb, wrap_u=wraps[0], wrap_v=wraps[1], uv_matrix=matrix)
         scale, bias = (_four(self._value(shader, key), default) for key, default in (("scale", 1.0), ("bias", 0.0)))
@@ -258,7 +262,7 @@ class TextureReader:
         source = shader.GetInput(name)
         for attribute in source.GetValueProducingAttributes() if source else []:
             if not UsdShade.Output.IsOutput(attribute):
-                return self._stage.value(attribute)
+                return self._stage.still(attribute)
         return None
 
 

@@ -1,0 +1,211 @@
+"""What USD files ask for and clsim lacks is told, and what is written in rarer ways is read."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from clsim.scene import load_world
+from tests.scene.usd.usd_files import CAMERA, METRES, SQUARE, TIMED, mesh, placed, points_at, usda
+
+ST = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (\ninterpolation = "vertex")'
+BOUND = '(prepend apiSchemas = ["MaterialBindingAPI"])'
+TEXTURE = """def Shader "%s" { uniform token info:id = "UsdUVTexture"
+asset inputs:file = @t.png@
+float2 inputs:st.connect = </M/%s.outputs:result>
+%s
+float3 outputs:rgb }
+def Shader "%s" { uniform token info:id = "UsdPrimvarReader_float2"
+string inputs:varname = "%s"
+float2 outputs:result }"""
+
+
+def surface(name, inputs, nodes=""):
+    return f"""def Material "{name}" {{ token outputs:surface.connect = </{name}/S.outputs:surface>
+def Shader "S" {{ uniform token info:id = "UsdPreviewSurface"
+{inputs}
+token outputs:surface }}
+{nodes} }}
+"""
+
+
+def bound_world(tmp_path, inputs, nodes="", extra="", meta=METRES):
+    """Return the world of a square that has a preview surface of those inputs."""
+    Image.fromarray(np.full((4, 4, 3), 99, np.uint8)).save(tmp_path / "t.png")
+    square = mesh(f"rel material:binding = </M>\n{extra}").replace('"square"', f'"square" {BOUND}')
+    return load_world(usda(tmp_path, square + surface("M", inputs, nodes), meta))
+
+
+@pytest.mark.parametrize(
+    ("full", "preview", "expected"),
+    [("red", "green", (1, 0, 0)), ("", "green", (0, 1, 0)), ("other", "green", (0, 1, 0))],
+)
+def test_materials_bound_for_a_purpose_are_found(tmp_path, full, preview, expected):
+    # Exporters bind one material for final pictures, which may be of another program's kind, and one for previews.
+    bindings = [
+        f"rel material:binding:{kind} = </{name}>" for kind, name in (("full", full), ("preview", preview)) if name
+    ]
+    square = mesh("\n".join(bindings)).replace('"square"', f'"square" {BOUND}')
+    shaders = [
+        surface(name, f"color3f inputs:diffuseColor = {color}")
+        for name, color in (("red", (1, 0, 0)), ("green", (0, 1, 0)))
+    ]
+    other = surface("other", "").replace("UsdPreviewSurface", "PxrSurface")
+    world = load_world(usda(tmp_path, square + "".join(shaders) + other))
+    assert world.materials[world.meshes[0].material_ids[0]].color == expected and not world.warnings
+
+
+@pytest.mark.parametrize("meta", ["", "\n    timeCodesPerSecond = 24"])
+def test_motion_without_a_range_of_time_lasts_as_long_as_its_samples(tmp_path, meta):
+    moving = placed("double3 xformOp:translate.timeSamples = { 24: (0, 0, 0), 72: (4, 0, 0) }")
+    world = load_world(usda(tmp_path, f'def Xform "X" {{\n{moving}{mesh()}}}\n{CAMERA}', METRES + meta))
+    assert world.duration_s == pytest.approx(2) and not world.warnings
+    middle = points_at(world, world.instances[0], 1.0) - points_at(world, world.instances[0], 0.0)
+    assert middle == pytest.approx(np.tile([2, 0, 0], (4, 1)), abs=1e-5)
+
+
+def test_opacity_of_a_mesh_without_a_material(tmp_path):
+    one = "color3f[] primvars:displayColor = [(1, 0, 0)]\nfloat[] primvars:displayOpacity = [0.25]"
+    several = 'float[] primvars:displayOpacity = [0, 1, 1, 1] (\ninterpolation = "vertex")'
+    world = load_world(usda(tmp_path, mesh(one) + mesh(several, "faded") + mesh("", "plain")))
+    found = [world.materials[each.material_ids[0]] for each in world.meshes]
+    assert [(each.alpha_mode, each.opacity) for each in found] == [("blend", 0.25), ("blend", 0.75), ("opaque", 1.0)]
+    assert world.warnings == ("scene.usda: opacity that differs over a mesh is its mean (first faded)",)
+
+
+def test_texture_coordinates_with_a_third_number(tmp_path):
+    st = 'texCoord3f[] primvars:st = [(0, 0, 7), (1, 0, 7), (1, 1, 7), (0, 1, 7)] (\ninterpolation = "vertex")'
+    texture = TEXTURE % ("T", "R", "", "R", "st")
+    world = bound_world(tmp_path, "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>", texture, st)
+    assert world.meshes[0].uvs == pytest.approx(np.array([(0, 0), (1, 0), (1, 1), (0, 1)])) and not world.warnings
+
+
+@pytest.mark.parametrize(
+    ("inputs", "nodes", "extra", "told"),
+    [
+        ("float inputs:displacement = 0.3", "", "", "displacement of materials is left out"),
+        (
+            "color3f inputs:diffuseColor.timeSamples = { 10: (1, 0, 0), 34: (0, 1, 0) }",
+            "",
+            "",
+            "diffuseColor that changes",
+        ),
+        ("float inputs:opacity.timeSamples = { 10: 1, 34: 0 }", "", "", "opacity that changes with time is as at"),
+        (
+            "color3f inputs:emissiveColor.connect = </M/C.outputs:result>",
+            'def Shader "C" { uniform token info:id = "UsdPrimvarReader_float3"\nstring inputs:varname = "glow"\n'
+            "float3 outputs:result }",
+            "color3f[] primvars:glow = [(1, 1, 1)]",
+            "what a mesh gives to emissiveColor of materials is left out",
+        ),
+        (
+            "color3f inputs:diffuseColor.connect = </M/C.outputs:result>",
+            'def Shader "C" { uniform token info:id = "UsdPrimvarReader_float3"\nstring inputs:varname = "paint"\n'
+            "float3 outputs:result }",
+            "",
+            "paint that a material asks for is missing: white stands for it (first square)",
+        ),
+        (
+            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
+            TEXTURE % ("T", "R", 'token inputs:wrapS = "black"', "R", "st"),
+            ST,
+            "pictures that are black outside are as at their edge there",
+        ),
+        (
+            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>\ncolor3f inputs:emissiveColor.connect = "
+            "</M/T2.outputs:rgb>",
+            TEXTURE % ("T", "R", "", "R", "st") + "\n" + TEXTURE % ("T2", "R2", "", "R2", "other"),
+            ST,
+            "all textures of a mesh use the first of its texture coordinates",
+        ),
+        (
+            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
+            TEXTURE % ("T", "R", "", "R", "st"),
+            'texCoord2f[] primvars:st = [(0, 0), (1, 0)] (\ninterpolation = "vertex")',
+            "st does not fit its mesh and is left out (first square)",
+        ),
+        (
+            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
+            (TEXTURE % ("T", "R", "", "R", "st")).replace(
+                "file = @t.png@", "file.timeSamples = { 10: @t.png@, 12: @u.png@ }"
+            ),
+            ST,
+            "file that changes with time is as at the start (first T)",
+        ),
+    ],
+)
+def test_materials_tell_what_they_leave_out(tmp_path, inputs, nodes, extra, told):
+    world = bound_world(tmp_path, inputs, nodes, extra, TIMED)
+    assert len(world.warnings) == 1 and told in world.warnings[0]
+
+
+def test_samples_that_are_all_alike_change_nothing(tmp_path):
+    body = 'def Sphere "ball" { double radius.timeSamples = { 10: 1, 20: 1, 34: 1 } }\n'
+    assert not load_world(usda(tmp_path, body + CAMERA, TIMED)).warnings
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        (
+            'def Sphere "ball" { double radius.timeSamples = { 10: 1, 34: 2 } }',
+            "radius that changes with time is as at",
+        ),
+        (
+            mesh("color3f[] primvars:displayColor.timeSamples = { 10: [(1, 0, 0)], 34: [(0, 1, 0)] }", "painted"),
+            "displayColor that changes with time is as at the start (first painted)",
+        ),
+        (
+            'def Camera "zoom" { float focusDistance.timeSamples = { 10: 1, 34: 6 } }',
+            "focusDistance that changes with time is as at the start (first zoom)",
+        ),
+        ('def Camera "zoom" { float focalLength.timeSamples = { 10: 20, 34: 60 } }', "focalLength that changes"),
+        (
+            'def Camera "flat" { token projection = "orthographic"\nfloat horizontalApertureOffset = 5 }',
+            "offsets of orthographic cameras are left out (first flat)",
+        ),
+        ('def SphereLight "l" { float inputs:radius.timeSamples = { 10: 1, 34: 3 } }', "radius that changes with time"),
+        (
+            'def SphereLight "l" (prepend apiSchemas = ["ShapingAPI"]) { float inputs:shaping:focus = 3 }',
+            "shaping:focus of lamps is left out (first l)",
+        ),
+        (
+            'def SphereLight "l" (prepend apiSchemas = ["ShapingAPI"]) { asset inputs:shaping:ies:file = @x.ies@ }',
+            "shaping:ies:file of lamps is left out (first l)",
+        ),
+        (
+            'def RectLight "l" { float inputs:diffuse = 0 }',
+            "factors of lamps on diffuse and specular light are left out",
+        ),
+        (
+            'def DiskLight "l" (prepend apiSchemas = ["ShadowAPI"]) { bool inputs:shadow:enable = 0 }',
+            "lamps without shadows have shadows (first l)",
+        ),
+        (
+            'def DistantLight "l" { rel collection:lightLink:includes = </square> }',
+            "lamps for some objects shine on all",
+        ),
+        (
+            'def PointInstancer "I" { rel prototypes = [</square>]\nint[] protoIndices = [0, 0]\n'
+            "point3f[] positions = [(0, 0, 0), (1, 0, 0)]\n"
+            'color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (\ninterpolation = "vertex") }',
+            "colours of single copies are left out (first I)",
+        ),
+        (
+            'def PointInstancer "I" { rel prototypes = [</square>]\nint[] protoIndices = [0, 0]\n'
+            "point3f[] positions = [(0, 0, 0), (1, 0, 0)]\nint64[] invisibleIds.timeSamples = { 10: [], 20: [1] } }",
+            "copies that appear or vanish are as at the start (first I)",
+        ),
+    ],
+)
+def test_bodies_lamps_and_cameras_tell_what_they_leave_out(tmp_path, body, told):
+    world = load_world(usda(tmp_path, f"{mesh()}{body}\n", TIMED))
+    assert len(world.warnings) == 1 and told in world.warnings[0]
+
+
+def test_a_mesh_that_is_a_lamp_is_still_seen(tmp_path):
+    lamp = mesh("float inputs:intensity = 4", "lamp", SQUARE).replace(
+        '"lamp"', '"lamp" (prepend apiSchemas = ["MeshLightAPI"])'
+    )
+    world = load_world(usda(tmp_path, lamp))
+    assert [each.name for each in world.instances] == ["lamp"]
+    assert "lamps of type Mesh are left out (first lamp)" in world.warnings[0]
