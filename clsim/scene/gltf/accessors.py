@@ -9,6 +9,7 @@ import base64
 import binascii
 import codecs
 import json
+import re
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,9 +42,12 @@ EXTENSIONS = (
     "KHR_materials_transmission",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
+    "KHR_node_visibility",
     "KHR_texture_transform",
 )
 """The extensions that clsim reads; a file may also require others of materials, which only look plainer then."""
+HARMLESS = re.compile("KHR_(materials_|xmp)|EXT_(structural_metadata|mesh_features|texture_avif)|MSFT_texture_dds")
+"""Optional extensions of which nothing is to be said: materials tell themselves, others change nothing that is seen."""
 UNPACKED_BY = {
     "EXT_meshopt_compression": "gltfpack -i IN -o OUT",
     "KHR_meshopt_compression": "gltfpack -i IN -o OUT",
@@ -96,6 +100,11 @@ class GltfFile:
         sizes += [self._outside_bytes(f"images[{i}]", image.uri) for i, image in enumerate(self.json.images)]
         self.decode_limit = 16 * sum(sizes) + (64 << 20)
         self._decoded_bytes = 0
+
+    def unknown(self) -> list[str]:
+        """Return which extensions the file uses that clsim neither reads nor can do without."""
+        used = set(self.json.extensionsUsed) - set(EXTENSIONS) - set(UNPACKED_BY)
+        return sorted(name for name in used if not HARMLESS.match(name))
 
     def item(self, kind: str, items: Sequence[Item], index: int) -> Item:
         """Return one of the file's items; raises InputError where there is none of that index."""
@@ -263,7 +272,8 @@ def _optional(extension: str) -> bool:
 
 def _split(path: Path, data: bytes) -> tuple[bytes, bytes]:
     """Return the JSON and the binary chunk."""
-    if path.suffix.lower() != ".glb":
+    # Files of either kind are about with the other's ending.
+    if data[:4] != b"glTF" and (path.suffix.lower() != ".glb" or data.lstrip()[:1] == b"{"):
         return data, b""
     if len(data) < 20 or data[:4] != b"glTF":
         raise InputError(f"{path}: is not a binary glTF file (it does not start with a glTF header)")

@@ -20,6 +20,8 @@ from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap, scale
 WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 NEAREST = 9728
 DEFAULT = schema.Material()
+MIRROR_IOR = 1000.0
+"""What stands for an index of 0, with which all is reflected as the specular colour says (KHR_materials_ior)."""
 LEAST_ALPHA, LEAST_IOR = 0.001, 1.001
 """Disney's glass is never quite smooth, and denser than air."""
 
@@ -54,6 +56,10 @@ class MaterialReader:
         for info in _textures(self._source(material)):
             return _set(info)
         return 0
+
+    def is_unlit(self, material: int | None) -> bool:
+        """Tell whether a material shows its own colour, whatever the light."""
+        return self._source(material).extensions.KHR_materials_unlit is not None
 
     def _source(self, material: int | None) -> schema.Material:
         return DEFAULT if material is None else self._file.item("materials", self._file.json.materials, material)
@@ -113,7 +119,7 @@ class MaterialReader:
             alpha=roughness**2,
             roughness_texture=self._texture(core.metallicRoughnessTexture, srgb=False),
             metallic=metallic,
-            ior=ior if ior >= 1.0 else 1.5,
+            ior=MIRROR_IOR if ior == 0.0 else ior if ior >= 1.0 else 1.5,
             specular_color=lobe,
             transmission=passed.transmissionFactor * self._mean("transmission", passed.transmissionTexture, name)[0],
             clearcoat=coat.clearcoatFactor * coated,

@@ -109,9 +109,14 @@ def _read_primitive(
     uvs = None
     if coordinates is not None:
         uvs = np.stack([coordinates[:, 0], 1.0 - coordinates[:, 1].astype(np.float64)], axis=1).astype(np.float32)
+    colors = _colors(values(attributes, "COLOR_0", "VEC3", "VEC4"), warn)
+    if colors is not None and materials.is_unlit(primitive.material):
+        warn("colours of vertices of unlit materials are left out")
     targets: list[Array] = []
     normal_targets: list[Array] = []
     for target in primitive.targets:
+        for name in sorted(name for name in target if name.startswith(("COLOR_", "TEXCOORD_"))):
+            warn(f"{name} of morph targets is left out")
         for name, found in (("POSITION", targets), ("NORMAL", normal_targets)):
             delta = values(target, name, "VEC3")
             file.claim(0 if delta is not None else n * 12, f"{place}.targets")
@@ -129,7 +134,7 @@ def _read_primitive(
         material_ids=np.full(len(triangles), material, np.int32),
         normals=normals,
         uvs=uvs,
-        colors=_colors(values(attributes, "COLOR_0", "VEC3", "VEC4"), warn),
+        colors=colors,
         targets=np.stack(targets) if targets else np.zeros((0, n, 3), np.float32),
         normal_targets=np.stack(normal_targets) if targets else np.zeros((0, n, 3), np.float32),
         joints=np.concatenate(joints, axis=1) if joints else np.zeros((n, 0), np.int32),

@@ -18,17 +18,16 @@ from clsim.errors import InputError
 from clsim.scene.defaults.framing import (
     ENVIRONMENT,
     ORBIT_S,
-    RESOLUTION,
     bounds,
     glow_lights,
     lamp,
     orbiting_camera,
-    orthographic_camera,
 )
 from clsim.scene.defaults.indoors import stand_inside
 from clsim.scene.gltf import schema
 from clsim.scene.gltf.accessors import GltfFile
 from clsim.scene.gltf.animation import Channel, MeshDeformation, NodeMotion, NodeTree
+from clsim.scene.gltf.cameras import camera_of
 from clsim.scene.gltf.channels import read_channels
 from clsim.scene.gltf.instancing import copies
 from clsim.scene.gltf.light import LightTracks
@@ -133,6 +132,8 @@ class _Reader:
         self.instances: list[Instance] = []
         self.lights: list[PunctualLight] = []
         self.cameras: list[Camera] = []
+        if unknown := file.unknown():
+            self._warn(f"extensions are left out: {', '.join(unknown)}")
         channels = read_channels(file, animation, self._warn, self.notes)
         self.tree = self._tree(channels, repeat)
         self.light = LightTracks(channels, self.tree.duration_s, repeat=repeat)
@@ -184,7 +185,7 @@ class _Reader:
         while pending:
             index = pending.pop()
             node = self.file.item("nodes", json.nodes, index)
-            if index not in seen:
+            if index not in seen and node.extensions.KHR_node_visibility.visible:
                 seen.add(index)
                 found.append(index)
                 pending += reversed(node.children)
@@ -361,22 +362,8 @@ class _Reader:
         motion: Motion = Facing(NodeMotion(self.tree, index, np.eye(4)))
         if not self.tree.moving[index]:
             motion = Static(facing(self.tree.matrices(0.0)[index]))
-        flat = camera.orthographic
-        if camera.type == "orthographic" and flat is not None:
-            across, up, _ = np.linalg.norm(self.tree.matrices(0.0)[index][:3, :3], axis=0) * (flat.xmag, flat.ymag, 1.0)
-            if 0 < abs(across) < math.inf and 0 < abs(up) < math.inf:
-                self.cameras.append(orthographic_camera(RESOLUTION[0], 2.0 * abs(across), 2.0 * abs(up), motion))
-            else:
-                self._warn("an orthographic camera that sees no area is left out")
-            return
-        if camera.type != "perspective" or camera.perspective is None:
-            self._warn(f"cameras of type {camera.type} are left out")
-            return
-        lens, (width, height) = camera.perspective, RESOLUTION
-        if lens.aspectRatio is not None:
-            height = max(1, min(round(width / lens.aspectRatio), 16384))
-        fov_deg = 2 * math.degrees(math.atan(math.tan(lens.yfov / 2) * (lens.aspectRatio or width / height)))
-        self.cameras.append(Camera(width, height, fov_deg, motion))
+        seen = camera_of(camera, self.tree.matrices(0.0)[index], motion, self._warn)
+        self.cameras += [] if seen is None else [seen]
 
     def _add_light(self, index: int, light_index: int) -> None:
         light = self.file.item("lights", self.file.json.extensions.KHR_lights_punctual.lights, light_index)
@@ -385,6 +372,8 @@ class _Reader:
         motion: Motion = Facing(NodeMotion(self.tree, index, np.eye(4)))
         if not self.tree.moving[index]:
             motion = Static(facing(self.tree.matrices(0.0)[index]))
+        if light.range is not None:
+            self._warn("the range of lamps is left out: their light never ends")
         cone = light.spot
         self.lights.append(
             PunctualLight(

@@ -121,9 +121,16 @@ class Copies(Part):
     attributes: dict[str, Index]
 
 
+class Visibility(Part):
+    """KHR_node_visibility: whether a node and all below it is seen."""
+
+    visible: bool = True
+
+
 class NodeExtensions(Part):
     """Extensions of a node."""
 
+    KHR_node_visibility: Visibility = Visibility()
     EXT_mesh_gpu_instancing: Copies | None = None
     KHR_lights_punctual: LightReference | None = None
 
@@ -236,6 +243,7 @@ class Light(Part):
     type: Literal["point", "spot", "directional"]
     color: Color = (1.0, 1.0, 1.0)
     intensity: NonNegative = 1.0
+    range: float | None = None
     spot: Spot = Spot()
 
 
