@@ -6,22 +6,76 @@ import itertools
 import re
 from pathlib import Path
 
+import numpy as np
+
 from clsim.errors import InputError
+from clsim.scene.meshes.obj_plain import parsed
+from clsim.scene.meshes.polygons import triangulated
 
 _MISREAD = re.compile(rb"\n[ \t]*f(?=((?:[ \t]+[1-9][0-9/]*)*[ \t\r]*))\1(?!\n)")
 """A face of other words than numbers of vertices that count from 1, as those that count back from the line."""
+_INDENT = re.compile(rb"(?m)^[ \t]+")
+_COMMENTED = re.compile(rb"\n[ \t]*v[nt]?[ \t][^\n#]*#")
+_POLYGON = re.compile(rb"(?m)^[ \t]*f((?:[ \t]+[0-9/]+){4,})[ \t\r]*$")
+_VERTEX = re.compile(rb"(?m)^[ \t]*v[ \t]+((?:[^ \t\r\n]+[ \t]*){0,3})")
+_LEFT_OUT = {
+    "curves and curved surfaces are left out": (re.compile(rb"(?m)^[ \t]*(?:curv2?|surf)[ \t]"), None),
+    "groups of smooth faces are flat, since the file has no normals": (
+        re.compile(rb"(?m)^[ \t]*s[ \t]+[1-9]"),
+        re.compile(rb"(?m)^[ \t]*vn[ \t]"),
+    ),
+}
+"""What a file may ask for, and lines by which it does, unless there are others."""
 _TABLES = {b"v": "vertex", b"vt": "texture coordinate", b"vn": "normal"}
 _QUOTED = 60
 
 
 def plain_lines(path: Path, data: bytes) -> bytes:
-    """Return the file with faces that count from its beginning, each in one line.
+    """Return the file with faces that count from its beginning, each in one line, and no concave polygons.
 
     Raises:
         InputError: a vertex is not three numbers, or a face names one that is not there; the message quotes the line.
     """
+    if b"\n " in data or b"\n\t" in data:  # trimesh passes over lines that do not begin with their word
+        data = _INDENT.sub(b"", data)
     goes_on = b"\\\n" in data or b"\\\r\n" in data
-    return checked_lines(path, data) if goes_on or _MISREAD.search(b"\n" + data + b"\n") else data
+    if goes_on or _MISREAD.search(b"\n" + data + b"\n") or _COMMENTED.search(b"\n" + data):
+        data = checked_lines(path, data)
+    return without_concave(data)
+
+
+def left_out(data: bytes) -> list[str]:
+    """Return what a file asks for and does not get."""
+    return [
+        told for told, (asks, unless) in _LEFT_OUT.items() if asks.search(data) and not (unless and unless.search(data))
+    ]
+
+
+def without_concave(data: bytes) -> bytes:
+    """Return the file with triangles in place of polygons that a fan from their first corner does not fill."""
+    polygons = list(_POLYGON.finditer(data))
+    if not polygons:
+        return data
+    corners = [polygon[1].split() for polygon in polygons]
+    counts = np.array([len(each) for each in corners], np.int64)
+    vertices = _VERTEX.findall(data)
+    found = parsed(b" ".join(vertices), np.float64)
+    named = parsed(re.sub(rb"/[0-9/]*", b"", b" ".join(polygon[1] for polygon in polygons)), np.int64)
+    # Where numbers are lacking, who reads the file next says so.
+    if found is None or named is None or len(found) != 3 * len(vertices) or len(named) != counts.sum():
+        return data
+    points, indices = found.reshape(-1, 3), named - 1
+    if not np.isfinite(points).all() or indices.min() < 0 or indices.max() >= len(points):
+        return data
+    triangles, faces = triangulated(points, counts, indices)
+    first = np.cumsum(counts) - counts
+    parts, end = [], 0
+    for face in np.unique(faces[triangles[:, 0] != first[faces]]).tolist():
+        cut = (triangles[faces == face] - first[face]).tolist()
+        lines = b"\n".join(b" ".join([b"f", *(corners[face][k] for k in triangle)]) for triangle in cut)
+        parts += [data[end : polygons[face].start()], lines]
+        end = polygons[face].end()
+    return b"".join([*parts, data[end:]])
 
 
 def checked_lines(path: Path, data: bytes) -> bytes:
@@ -38,6 +92,8 @@ def checked_lines(path: Path, data: bytes) -> bytes:
         try:
             if words and words[0] in seen:
                 seen[words[0]] += 1
+                words = _uncommented(words)
+                lines[number] = b" ".join(words)
                 if words[0] == b"v" and len([float(word) for word in words[1:4]]) < 3:
                     raise ValueError("has fewer than three numbers")
             elif words[:1] == [b"f"]:

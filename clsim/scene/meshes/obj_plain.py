@@ -108,7 +108,7 @@ def _common(counts: I64) -> int:
 
 def _numbers(lines: _Lines, widths: tuple[int, ...]) -> F64 | None:
     """Return the numbers of lines that all have as many, which may be one of ``widths``; None of others."""
-    numbers = _parsed(lines.text, np.float64) if lines.spaces in widths else None
+    numbers = parsed(lines.text, np.float64) if lines.spaces in widths else None
     return None if numbers is None or len(numbers) != lines.spaces * lines.count else numbers.reshape(lines.count, -1)
 
 
@@ -118,14 +118,15 @@ def _corners(lines: _Lines) -> dict[str, I64] | None:
     named = _NAMED.get((lines.slashes, double > 0))
     if named is None or lines.spaces != 3 or double not in (0, 3 * lines.count):
         return None
-    numbers = _parsed(lines.text.replace(b"/", b" "), np.int64)
+    numbers = parsed(lines.text.replace(b"/", b" "), np.int64)
     if numbers is None or len(numbers) != 3 * len(named) * lines.count:
         return None
     corners = numbers.reshape(-1, 3, len(named))
     return {name: corners[:, :, k] for k, name in enumerate(named)}
 
 
-def _parsed(text: bytes, kind: type[Any]) -> npt.NDArray[Any] | None:
+def parsed(text: bytes, kind: type[Any]) -> npt.NDArray[Any] | None:
+    """Return the numbers in a text with spaces or ends of lines between them; None of what has others."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # older numpy only warns of text that is no number
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
+from clsim.scene.meshes.polygons import F64, I64, triangulated
 
 MAX_HEADER_BYTES = 1 << 20
 _TYPES = {
@@ -16,6 +18,9 @@ _TYPES = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
     **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
 }
+_USUAL = re.compile(rb"(?m)[ \t]red[ \t\r]*$")
+_COLOR = re.compile(rb"(?m)(?<=[ \t])(?:diffuse_(red|green|blue)|([rgb]))(?=[ \t\r]*$)")
+_COLORS = {b"r": b"red", b"g": b"green", b"b": b"blue"}
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -38,6 +43,8 @@ def check_ply(path: Path, data: bytes) -> dict[str, int]:
         if len(words) != 3 or not words[2].isdecimal():
             raise InputError(f"{path}: line {number}: got {line.strip()!r}, expected an element's name and count")
         counts[words[1]] = int(words[2])
+    if counts.get("tristrips") and not counts.get("face"):
+        raise InputError(f"{path}: has strips of triangles, expected faces: open it in MeshLab and save it anew")
     body = data[end:].split(b"\n", 1)[-1]
     room = body.count(b"\n") + 1 if any(line.startswith("format ascii") for line in lines) else len(body)
     if sum(counts.values()) > room:
@@ -47,15 +54,25 @@ def check_ply(path: Path, data: bytes) -> dict[str, int]:
     return counts
 
 
+def usual_colors(data: bytes) -> bytes:
+    """Return a file that `check_ply` took, with colours named red, green and blue; some say r, some diffuse_red."""
+    end = data.find(b"end_header")
+    if _USUAL.search(data[:end]):
+        return data
+    return _COLOR.sub(lambda found: found[1] or _COLORS[found[2]], data[:end]) + data[end:]
+
+
 def even_faces(data: bytes) -> bytes:
     """Return a file that `check_ply` took, with triangles where its faces have different numbers of corners.
 
-    trimesh takes all faces of a binary file to have as many as the first. Files of another make are left to it.
+    So it has where a fan from its first corner, as trimesh cuts, does not fill a face. trimesh takes all faces of a
+    binary file to have as many as the first. Files of another make are left to it.
     """
     end = data.find(b"end_header")
     at = data.find(b"\n", end) + 1
     lines = [line.split() for line in data[:end].decode("latin-1").splitlines()]
     order = next((_ORDERS.get(words[1]) for words in lines if words[:1] == ["format"] and len(words) > 1), None)
+    points: F64 | None = None
     elements = [k for k, words in enumerate(lines) if words[:1] == ["element"]]
     if order is None or not elements:
         return data
@@ -66,12 +83,19 @@ def even_faces(data: bytes) -> bytes:
         types = [[np.dtype(order + _TYPES[word]) for word in words if word != "list"] for words in properties]
         lists = [k for k, each in enumerate(types) if len(each) > 1]
         count = int(lines[start][2])
+        if lines[start][1] == "vertex" and not lists and [] not in types:
+            names = [words[-1] for words in lines[start:stop] if words[:1] == ["property"]]
+            points = _points(data, at, count, names, [each[0] for each in types])
         if lines[start][1] == "face" and len(lists) == 1 and [] not in types:
             number, corner = types[lists[0]]
             before, after = (
                 sum(each[0].itemsize for each in part) for part in (types[: lists[0]], types[lists[0] + 1 :])
             )
-            found = _triangles(data, at, count, _Face(before, number, corner, after)) if number.kind in "iu" else None
+            found = (
+                _triangles(data, at, count, _Face(before, number, corner, after), points)
+                if number.kind in "iu"
+                else None
+            )
             if found is None:
                 return data
             lines[start][2] = str(len(found[0]))
@@ -103,12 +127,43 @@ class _Face(NamedTuple):
         return self.before + self.number.itemsize + corners * self.corner.itemsize + self.after
 
 
-def _triangles(data: bytes, at: int, count: int, face: _Face) -> tuple[npt.NDArray[np.uint8], int] | None:
+def _points(data: bytes, at: int, count: int, names: list[str], types: list[np.dtype[Any]]) -> F64 | None:
+    """Return the places of vertices ``[n, 3]``; None where they are not all there, or not finite."""
+    size = sum(each.itemsize for each in types)
+    if at + count * size > len(data) or not {"x", "y", "z"} <= set(names):
+        return None
+    starts = dict(zip(names, np.cumsum([0, *(each.itemsize for each in types)]).tolist(), strict=False))
+    kinds = dict(zip(names, types, strict=True))
+    columns = [np.ndarray((count,), kinds[name], data, at + starts[name], (size,)) for name in "xyz"]
+    found = np.stack([column.astype(np.float64) for column in columns], axis=1)
+    return found if np.isfinite(found).all() else None
+
+
+def _cut(points: F64 | None, corners: I64) -> tuple[I64, I64]:
+    """Return triangles of faces ``[n, corners]`` of points: which corners ``[m, 3]``, and of which face ``[m]``."""
+    count, many = corners.shape
+    if points is None or corners.min() < 0 or corners.max() >= len(points):
+        fan = np.column_stack([np.zeros(many - 2, np.int64), np.arange(1, many - 1), np.arange(2, many)])
+        return np.tile(fan, (count, 1)), np.repeat(np.arange(count), many - 2)
+    places, faces = triangulated(points, np.full(count, many), corners.ravel())
+    return places - faces[:, None] * many, faces
+
+
+def _named(rows: npt.NDArray[np.uint8], face: _Face, many: int) -> I64:
+    """Return the points of the corners of faces of as many ``[n, many]``, whose bytes are told."""
+    first = face.before + face.number.itemsize
+    named = np.ascontiguousarray(rows[:, first : first + many * face.corner.itemsize])
+    return named.view(face.corner).astype(np.int64)
+
+
+def _triangles(
+    data: bytes, at: int, count: int, face: _Face, points: F64 | None
+) -> tuple[npt.NDArray[np.uint8], int] | None:
     """Return the bytes of all faces as those of triangles ``[n, bytes]``, and where the faces end.
 
-    None where all have the same number of corners, or the file ends before they do.
+    None where all have as many corners and fans fill them, or the file ends before they do.
     """
-    if not count or at + face.size(0) > len(data) or _are_alike(data, at, count, face):
+    if not count or at + face.size(0) > len(data) or _are_alike(data, at, count, face, points):
         return None
     starts, corners = np.empty(count, np.int64), np.empty(count, np.int64)
     for k in range(count):
@@ -126,20 +181,22 @@ def _triangles(data: bytes, at: int, count: int, face: _Face) -> tuple[npt.NDArr
     found = []
     for many in np.unique(corners[corners >= 3]).tolist():
         faces = np.lib.stride_tricks.sliding_window_view(letters, face.size(many))[starts[corners == many]]
-        fan = np.column_stack([np.zeros(many - 2, np.int64), np.arange(1, many - 1), np.arange(2, many)])
+        chosen, of_face = _cut(points, _named(faces, face, many))
         first, last = face.size(0) - face.after, face.size(many) - face.after
-        points = faces[:, first:last].reshape(len(faces), many, -1)[:, fan].reshape(len(faces) * (many - 2), -1)
-        head, tail = (np.repeat(part, many - 2, axis=0) for part in (faces[:, : face.before], faces[:, last:]))
-        found.append(np.concatenate([head, np.broadcast_to(three, (len(points), len(three))), points, tail], axis=1))
+        corner = faces[:, first:last].reshape(len(faces), many, -1)[of_face[:, None], chosen].reshape(len(chosen), -1)
+        head, tail = faces[of_face, : face.before], faces[of_face, last:]
+        found.append(np.concatenate([head, np.broadcast_to(three, (len(corner), len(three))), corner, tail], axis=1))
     return (np.concatenate(found), at) if found else None
 
 
-def _are_alike(data: bytes, at: int, count: int, face: _Face) -> bool:
-    """Tell whether all faces have as many corners as the first."""
+def _are_alike(data: bytes, at: int, count: int, face: _Face, points: F64 | None) -> bool:
+    """Tell whether all faces have as many corners as the first, and fans fill them."""
     many = int(np.frombuffer(data, face.number, 1, at + face.before)[0])
     size = face.size(many)
     if many < 0 or at + count * size > len(data):
         return False
     rows = np.frombuffer(data, np.uint8, count * size, at).reshape(count, size)
     lengths = rows[:, face.before : face.before + face.number.itemsize]
-    return bool((lengths == lengths[0]).all())
+    if not (lengths == lengths[0]).all():
+        return False
+    return many < 4 or not _cut(points, _named(rows, face, many))[0][:, 0].any()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import codecs
+import contextlib
 import io
-import os
 import re
 import warnings
 from dataclasses import replace
@@ -17,25 +16,22 @@ import numpy.typing as npt
 from clsim.errors import InputError
 from clsim.scene.defaults.framing import ENVIRONMENT, ORBIT_S, bounds, lamp, orbiting_camera
 from clsim.scene.defaults.indoors import stand_inside
-from clsim.scene.files import asset_file
+from clsim.scene.meshes.beside import MAX_FILE_BYTES, FolderResolver, as_utf8
 from clsim.scene.meshes.geometry import joined
-from clsim.scene.meshes.obj_lines import checked_lines, plain_lines
+from clsim.scene.meshes.obj_lines import checked_lines, left_out, plain_lines
 from clsim.scene.meshes.obj_plain import read_plain_obj, unit_normals
 from clsim.scene.parts import Parts
 from clsim.scene.pictures.images import PixelBudget, decode_srgb, unpack_rgba
 from clsim.scene.world import IDENTITY, ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
 from clsim.values import unzipped
 
-MAX_FILE_BYTES = 1 << 30
 F64 = npt.NDArray[np.float64]
-_IMAGE_OPTIONS = re.compile(r"(?:-(?:[ost](?:\s+[-+.\deE]+){1,3}|mm\s+\S+\s+\S+|[a-z]+\s+\S+)\s+)+")
-"""What may stand before the name of an image: ``-s`` and its like with one to three numbers, others with a word."""
-
 _LEFT_OUT = {
     **dict.fromkeys(("d", "map_d"), ("opacity", 1.0)),
     **dict.fromkeys(("tr", "map_tr"), ("opacity", 0.0)),
-    **dict.fromkeys(("ks", "map_ks", "pm", "map_pm"), ("gloss", 0.0)),
-    **dict.fromkeys(("bump", "map_bump", "norm", "disp"), ("relief", 0.0)),
+    **dict.fromkeys(("pr", "map_pr"), ("gloss", 1.0)),
+    **dict.fromkeys(("ks", "map_ks", "pm", "map_pm", "pc", "ps", "aniso", "refl"), ("gloss", 0.0)),
+    **dict.fromkeys(("bump", "map_bump", "norm", "disp", "map_kn"), ("relief", 0.0)),
     "map_ke": ("glow by an image", 0.0),
 }
 """What materials may ask for, by key, and the number that does not ask for it."""
@@ -118,17 +114,18 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
     libraries: list[str] = []
     declared: dict[str, int] = {}
     if suffix == ".ply":
-        from clsim.scene.meshes.ply import check_ply, even_faces
+        from clsim.scene.meshes.ply import check_ply, even_faces, usual_colors
+        from clsim.scene.meshes.ply_text import without_concave
 
         check_ply(path, data)
-        data = even_faces(data)
+        data = without_concave(even_faces(usual_colors(data)))
         declared = check_ply(path, data)
     elif suffix == ".obj":
-        data = plain_lines(path, _as_utf8(data))
+        data = plain_lines(path, as_utf8(data))
         libraries = [name.decode().strip() for name in re.findall(rb"(?m)^\s*mtllib[ \t]+(.+)$", data)]
     else:
         raise InputError(f"{path}: its name ends in {suffix or 'nothing'}, expected .obj or .ply")
-    resolver = _FolderResolver(path.parent, libraries)
+    resolver = FolderResolver(path.parent, libraries)
     found = {}
     for name, geometry in _read(path, data, suffix, resolver, materials=materials).geometry.items():
         if not hasattr(geometry, "faces"):
@@ -145,7 +142,8 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
             checked_lines(path, data)
         raise InputError(f"{path}: has no triangles, expected a mesh")
     if materials:
-        notes += [f"{path.name}: {sentence}" for sentence in (*resolver.lacking, *resolver.left_out)]
+        asked = left_out(data) if suffix == ".obj" else []
+        notes += [f"{path.name}: {sentence}" for sentence in (*resolver.lacking, *resolver.left_out, *asked)]
         if suffix == ".obj" and not resolver.lacking:
             wanted = {
                 name.decode("utf-8", "replace").strip() for name in re.findall(rb"(?m)^\s*usemtl[ \t]+(.+)$", data)
@@ -156,7 +154,7 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
     return found
 
 
-def _read(path: Path, data: bytes, suffix: str, resolver: _FolderResolver, *, materials: bool) -> Any:
+def _read(path: Path, data: bytes, suffix: str, resolver: FolderResolver, *, materials: bool) -> Any:
     import trimesh
 
     files: Any = resolver  # trimesh needs no more of a resolver than get and []
@@ -176,86 +174,6 @@ def _read(path: Path, data: bytes, suffix: str, resolver: _FolderResolver, *, ma
     if resolver.refused:
         raise InputError(f"{path}: {resolver.refused[0]}")
     return scene
-
-
-class _FolderResolver:
-    """Gives trimesh the files beside the mesh and no others; trimesh swallows errors here, so they are kept.
-
-    Attributes:
-        refused: why a file may not be read.
-        lacking: which files are missing or damaged, and what that means.
-        left_out: what of images is not done.
-        known: names of the materials that were found.
-    """
-
-    def __init__(self, folder: Path, libraries: list[str]) -> None:
-        self.folder = folder
-        self.refused: list[str] = []
-        self.lacking: list[str] = []
-        self.left_out: list[str] = []
-        self.known: set[str] = set()
-        self._libraries = libraries
-
-    def get(self, name: str) -> bytes:
-        """Return an image's bytes."""
-        from PIL import Image
-
-        options = _IMAGE_OPTIONS.match(name)
-        if options is not None:
-            name = name[options.end() :]
-            self.left_out.append(f"the options of the image {name} are left out ({options[0].strip()})")
-        data = self._bytes(name, "image", "its material has no texture")
-        try:
-            Image.open(io.BytesIO(data))
-        except Exception:
-            self.lacking.append(f"the image {name} cannot be decoded; its material has no texture")
-            raise
-        return data
-
-    def __getitem__(self, first: str) -> bytes:
-        """Return all libraries of materials: a file may name several, of which trimesh asks for the first line's."""
-        found = b"\n".join(_as_utf8(self._library(name)) for line in self._libraries for name in self._names(line))
-        self.known |= {name.strip().decode() for name in re.findall(rb"(?m)^\s*newmtl[ \t]+(.+)$", found)}
-        return found
-
-    def _names(self, line: str) -> list[str]:
-        """Return the names in a line, in which spaces part names or belong to one."""
-        several = line.split()
-        if len(several) == 1 or os.path.isfile(self.folder / line):
-            return [line]
-        return several if all(name.lower().endswith(".mtl") for name in several) else [line]
-
-    def _library(self, name: str) -> bytes:
-        try:
-            return self._bytes(name, "material library", "its materials are grey")
-        except OSError:
-            return b""
-
-    def _bytes(self, name: str, kind: str, consequence: str) -> bytes:
-        try:
-            file = asset_file(name, self.folder)
-            if not file.is_file():  # a name in another encoding than UTF-8 was decoded for trimesh
-                file = asset_file(os.fsdecode(name.encode("latin-1", "ignore")), self.folder)
-            if file.is_file() and file.stat().st_size > MAX_FILE_BYTES:
-                raise InputError(f"{name!r} is larger than {MAX_FILE_BYTES >> 30} GiB")
-        except InputError as error:
-            self.refused.append(str(error))
-            raise
-        try:
-            return file.read_bytes()
-        except OSError as error:
-            self.lacking.append(f"the {kind} {name} cannot be read ({error.strerror}); {consequence}")
-            raise
-
-
-def _as_utf8(data: bytes) -> bytes:
-    """Return text as UTF-8 without a mark; what is none is taken for Latin-1, in which every byte is a letter."""
-    data = data.removeprefix(codecs.BOM_UTF8)
-    try:
-        data.decode()
-    except UnicodeDecodeError:
-        return data.decode("latin-1").encode()
-    return data
 
 
 def _mesh(path: Path, name: str, geometry: Any, material: int) -> Mesh:
@@ -348,15 +266,10 @@ class _Materials:
         self._tell(getattr(source, "name", None) or name, written)
         image = getattr(source, "image", None)
         texture = -1 if image is None else self._texture(name, image, str(written.get("map_kd")))
-        kd, ke = written.get("kd"), written.get("ke")
-        color = np.full(3, 0.5 if image is None else 1.0)
-        if isinstance(kd, list) and len(kd) == 3:
-            color = np.clip(np.nan_to_num(np.asarray(kd, np.float64)), 0.0, 1.0)
-            if image is not None and not color.any():
-                color = np.ones(3)  # exporters write black beside a texture, and viewers show the texture
-        emission = np.zeros(3)
-        if isinstance(ke, list) and len(ke) == 3:
-            emission = np.maximum(np.nan_to_num(np.asarray(ke, np.float64), posinf=0.0), 0.0)
+        color = np.clip(_rgb(written.get("kd"), 0.5 if image is None else 1.0), 0.0, 1.0)
+        if image is not None and not color.any():
+            color = np.ones(3)  # exporters write black beside a texture, and viewers show the texture
+        emission = np.maximum(_rgb(written.get("ke"), 0.0), 0.0)
         return Material(color=_vec3(color), texture=texture, emission=_vec3(emission), name=name)
 
     def _tell(self, name: str, written: dict[str, Any]) -> None:
@@ -387,6 +300,14 @@ def _is_placeholder(source: Any) -> bool:
     """Tell whether trimesh made this material up because the file has only u and v: its image is from no file."""
     image = getattr(source, "image", None)
     return image is not None and image.format is None and not source.kwargs
+
+
+def _rgb(value: Any, default: float) -> F64:
+    """Return a colour; grey where it is not three numbers."""
+    if isinstance(value, list) and len(value) == 3:
+        with contextlib.suppress(ValueError):  # a spectrum's file
+            return np.nan_to_num(np.asarray(value, np.float64), posinf=0.0)
+    return np.full(3, default)
 
 
 def _vec3(values: F64) -> Vec3:

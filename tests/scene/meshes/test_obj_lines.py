@@ -100,3 +100,66 @@ def test_marks_of_byte_order_are_no_part_of_the_first_line(tmp_path):
     assert parts.materials[0].color == (1, 0, 0) and not parts.warnings
     (tmp_path / "a.obj").write_text(LOW + "f 1 2 3\n", encoding="utf-8-sig")
     assert _corners(load_triangles(tmp_path / "a.obj")) == [[0, 0, 0, 1, 0, 0, 1, 1, 0]]
+
+
+def _area(mesh):
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        "f 2 3 4 5 6 1\n",
+        "f -5 -4 -3 -2 -1 -6\n",
+        "f 1 2 3 4\n  f 1/1 4/1 5/1 6/1\t\r\n",
+        "f 2//1 3//1 4//1 5//1 6//1 1//1\n",
+    ],
+)
+def test_concave_faces_end_at_their_outline(tmp_path, faces):
+    corner = "v 0 0 0\nv 3 0 0\nv 3 1 0\n\tv 1 1 0\nv 1 3 0\nv 0 3 0\nvt 0 0\nvn 0 0 1\n"  # an L of area 5
+    assert _area(load_triangles(_written(tmp_path, corner + faces))) == pytest.approx(5)
+
+
+def test_comments_behind_numbers_and_lines_of_old_macs(tmp_path):
+    text = "v 0 0 0 # first\nv 1 0 0\nvt 0 0 # one\nv 1 1 0\nf 1 2 3 # all\n"
+    expected = [[0, 0, 0, 1, 0, 0, 1, 1, 0]]
+    assert _corners(load_triangles(_written(tmp_path, text))) == expected
+    (tmp_path / "a.obj").write_bytes((LOW + "f 1 2 3\nf 1 3 4 1\n").replace("\n", "\r").encode())
+    assert _area(load_triangles(tmp_path / "a.obj")) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("material", "color", "emission", "told"),
+    [
+        ("Kd 0.8\nKe 2", (0.8,) * 3, (2, 2, 2), []),
+        (
+            "Kd 1 0 0\nKe spectral a.rfl 1",
+            (1, 0, 0),
+            (0, 0, 0),
+            ["colours of materials by a spectrum or in XYZ are left out"],
+        ),
+        ("Kd xyz 0.1 0.2 0.3", (0.5,) * 3, (0, 0, 0), ["colours of materials by a spectrum or in XYZ are left out"]),
+        ("Kd 1 0 0\nPr 0.2", (1, 0, 0), (0, 0, 0), ["the gloss of materials is left out (the first is m)"]),
+        ("Kd 1 0 0\nPr 1\nPc 0.5", (1, 0, 0), (0, 0, 0), ["the gloss of materials is left out (the first is m)"]),
+    ],
+)
+def test_colours_are_told_in_several_ways(tmp_path, material, color, emission, told):
+    (tmp_path / "a.mtl").write_text(f"newmtl m\n{material}\n")
+    parts = load_parts(_written(tmp_path, "mtllib a.mtl\n" + LOW + "usemtl m\nf 1 2 3\n"))
+    assert parts.materials[0].color == pytest.approx(color)
+    assert parts.materials[0].emission == pytest.approx(emission)
+    assert parts.warnings == [f"a.obj: {sentence}" for sentence in told]
+
+
+@pytest.mark.parametrize(
+    ("lines", "told"),
+    [
+        ("s 1\nf 1 2 3\n", ["groups of smooth faces are flat, since the file has no normals"]),
+        ("s off\nf 1 2 3\n", []),
+        ("vn 0 0 1\ns 1\nf 1//1 2//1 3//1\n", []),
+        ("f 1 2 3\ncstype bspline\ndeg 3\ncurv 0 1 1 2 3 4\nend\n", ["curves and curved surfaces are left out"]),
+    ],
+)
+def test_what_faces_ask_for_is_told(tmp_path, lines, told):
+    assert load_parts(_written(tmp_path, LOW + lines)).warnings == [f"a.obj: {sentence}" for sentence in told]

@@ -63,3 +63,52 @@ def test_files_of_faces_that_are_alike_are_left_as_they_are_and_cut_ones_are_tol
     (tmp_path / "a.ply").write_bytes(data[:-12])
     with pytest.raises(InputError, match=r"a\.ply: "):
         load_parts(tmp_path / "a.ply")
+
+
+ARROW = [(0, 0), (4, 0), (1, 1), (0, 4)]
+"""Concave at (1, 1): its area is 4, and a fan from (4, 0) covers 12."""
+
+
+def _area(path):
+    mesh = load_triangles(path)
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("faces", "area"), [([(1, 2, 3, 0)], 4), ([(1, 2, 3, 0), (0, 1, 3)], 12)])
+def test_concave_faces_of_binary_files_end_at_their_outline(tmp_path, order, faces, area):
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    head = f"ply\nformat {name} 1.0\nelement vertex 4\nproperty uchar flag\nproperty float y\nproperty double x\n"
+    head += f"property float z\nelement face {len(faces)}\nproperty list uchar ushort vertex_indices\nend_header\n"
+    body = b"".join(struct.pack(f"{order}Bfdf", 9, y, x, 0) for x, y in ARROW)
+    body += b"".join(struct.pack(f"{order}B{len(face)}H", len(face), *face) for face in faces)
+    (tmp_path / "a.ply").write_bytes(head.encode() + body)
+    assert _area(tmp_path / "a.ply") == pytest.approx(area)
+
+
+def test_concave_faces_of_text_end_at_their_outline_and_keep_what_follows_them(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element face 2\nproperty list uchar int vertex_indices\nproperty uchar red\nproperty uchar green\n"
+    head += "property uchar blue\nelement other 1\nproperty int q\nend_header\n"
+    body = "".join(f"{x} {y} 0\n" for x, y in ARROW) + "4 1 2 3 0 255 0 0\n3 0 1 3 255 0 0\n5\n"
+    (tmp_path / "a.ply").write_text(head + body)
+    assert _area(tmp_path / "a.ply") == pytest.approx(12)
+    assert load_parts(tmp_path / "a.ply").materials[0].color == pytest.approx((1, 0, 0))
+
+
+@pytest.mark.parametrize("names", ["red green blue", "diffuse_red diffuse_green diffuse_blue", "r g b"])
+def test_colours_go_by_several_names(tmp_path, names):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "".join(f"property uchar {name}\n" for name in names.split())
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(head + "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n3 0 1 2\n")
+    assert load_parts(tmp_path / "a.ply").meshes[0].colors == pytest.approx(np.eye(3))
+
+
+def test_strips_are_refused_with_advice(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    with pytest.raises(InputError, match="strips of triangles, expected faces: open it in MeshLab and save it anew"):
+        load_parts(tmp_path / "a.ply")
