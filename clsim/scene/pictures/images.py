@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -214,22 +215,39 @@ def _read_exr(path: Path, budget: PixelBudget) -> F32:
     _bytes_readable(path)
     try:
         with OpenEXR.File(str(path), header_only=True) as header:
-            low, high = (np.asarray(corner, np.int64) for corner in header.header()["dataWindow"])
-        width, height = (int(side) for side in high - low + 1)
-        if width < 1 or height < 1:
-            raise InputError(f"{path}: is {width}×{height}, expected at least one pixel")
-        budget.take(str(path), width, height)
+            held, shown = (np.array(header.header()[name], np.int64) for name in ("dataWindow", "displayWindow"))
+        sizes = [(high - low + 1).tolist() for low, high in (held, shown)]
+        for width, height in sizes:
+            if width < 1 or height < 1:
+                raise InputError(f"{path}: is {width}×{height}, expected at least one pixel")
+        budget.take(str(path), *max(sizes, key=math.prod))
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = file.channels()
             names = [n for n in ("R", "G", "B") if n in channels] or [n for n in ("Y",) if n in channels]
             if len(names) not in (1, 3):
                 raise InputError(f"{path}: has channels {', '.join(channels)}, expected R, G, B or Y")
+            if names == ["Y"] and {"RY", "BY"} & set(channels):
+                raise InputError(f"{path}: has luminance and chroma (Y, RY, BY), expected R, G, B or Y alone")
             planes = [np.asarray(channels[name].pixels, np.float32) for name in names]
     except InputError:
         raise
     except Exception as error:  # the library raises whatever its decoders stumble over
         raise InputError(f"{path}: cannot be read as OpenEXR ({_short(error)})") from None
-    return np.stack(planes * (3 // len(planes)), axis=-1)
+    return _shown(np.stack(planes * (3 // len(planes)), axis=-1), held, shown)
+
+
+def _shown(pixels: F32, held: npt.NDArray[np.int64], shown: npt.NDArray[np.int64]) -> F32:
+    """Return a picture of the display window, black where the data window has no pixels; each is two corners x, y."""
+    if (held == shown).all():
+        return pixels
+    width, height = (shown[1] - shown[0] + 1).tolist()
+    picture = np.zeros((height, width, pixels.shape[2]), np.float32)
+    (left, top), (right, bottom) = np.maximum(held[0], shown[0]), np.minimum(held[1], shown[1]) + 1
+    if left < right and top < bottom:
+        rows, columns = slice(top - held[0, 1], bottom - held[0, 1]), slice(left - held[0, 0], right - held[0, 0])
+        at = slice(top - shown[0, 1], bottom - shown[0, 1]), slice(left - shown[0, 0], right - shown[0, 0])
+        picture[at] = pixels[rows, columns]
+    return picture
 
 
 def _bytes_readable(path: Path) -> None:

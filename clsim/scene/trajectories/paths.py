@@ -186,6 +186,8 @@ def _places(path: Path, arrays: dict[str, Any]) -> _F64:
             raise InputError(f"{path}: poses has shape {poses.shape}, expected n × 4 × 4")
         rows = []
         for k, pose in enumerate(poses):
+            if np.abs(pose[3:, :3]).max(initial=0.0) > 1e-6:
+                raise InputError(f"{path}: poses[{k}] has its position in the last row, expected the last column")
             try:
                 position, quaternion, _ = place_of(np.vstack([pose[:3], (0.0, 0.0, 0.0, 1.0)]))
             except ValueError:

@@ -5,8 +5,9 @@ import OpenEXR
 import PIL.Image
 import pytest
 
+from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.pictures.images import PixelBudget, decode_srgb, encode_srgb8, read_texture
+from clsim.scene.pictures.images import PixelBudget, decode_srgb, encode_srgb8, read_linear, read_texture
 
 VALUES = np.array([[(0.5, 0.25, 1.0), (0.1, 0.8, 0.6)]], np.float32)
 CODES = np.round(VALUES * 255)
@@ -169,3 +170,30 @@ def test_textures_of_dim_light_are_as_they_were(tmp_path):
         tmp_path / "scene.toml", TOML.format(inside='emission = [3, 3, 3]\nemission_texture = { file = "a.png" }')
     )
     np.testing.assert_allclose(found, 3 * decode_srgb(188 / 255), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("held", "shown", "expected"),
+    [
+        (((2, 1), (3, 2)), ((0, 0), (4, 3)), [(1, 2, 1.0), (1, 3, 2.0), (2, 2, 3.0), (2, 3, 4.0)]),
+        (((-1, -1), (0, 0)), ((0, 0), (2, 1)), [(0, 0, 4.0)]),
+        (((7, 7), (8, 8)), ((0, 0), (1, 1)), []),
+        (((7, 7), (8, 8)), ((7, 7), (8, 8)), [(0, 0, 1.0), (0, 1, 2.0), (1, 0, 3.0), (1, 1, 4.0)]),
+    ],
+)
+def test_a_picture_is_what_its_display_window_shows(tmp_path, held, shown, expected):
+    plane = np.array([[1, 2], [3, 4]], np.float32)
+    windows = {"dataWindow": held, "displayWindow": shown}
+    header = {name: tuple(np.array(corner, np.int32) for corner in window) for name, window in windows.items()}
+    OpenEXR.File(header, dict.fromkeys("RGB", plane)).write(str(tmp_path / "a.exr"))
+    found = read_linear(tmp_path / "a.exr", PixelBudget())
+    width, height = np.subtract(shown[1], shown[0]) + 1
+    assert found.shape == (height, width, 3)
+    assert [(y, x, found[y, x, 1]) for y, x in zip(*np.nonzero(found[..., 1]), strict=True)] == expected
+
+
+def test_luminance_with_chroma_is_not_taken_for_grey(tmp_path):
+    plane = np.ones((2, 2), np.float32)
+    OpenEXR.File({}, {"Y": plane, "RY": plane / 2, "BY": -plane / 2}).write(str(tmp_path / "a.exr"))
+    with pytest.raises(InputError, match=r"has luminance and chroma \(Y, RY, BY\), expected R, G, B or Y alone"):
+        read_linear(tmp_path / "a.exr", PixelBudget())

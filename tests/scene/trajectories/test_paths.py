@@ -107,6 +107,7 @@ def test_what_is_no_path_is_told(tmp_path: Path, name: str, text: str, message: 
         ({"time_s": TIMES_S}, "expected poses, or positions and quaternions"),
         ({"time_s": TIMES_S, "poses": POSES[0]}, "expected n × 4 × 4"),
         ({"time_s": TIMES_S, "poses": 0 * POSES}, r"poses\[0\] is no rotation and position"),
+        ({"time_s": TIMES_S, "poses": np.swapaxes(POSES, 1, 2)}, r"poses\[.\] has its position in the last row"),
         ({"time_s": TIMES_S, "positions": POSITIONS, "quaternions": POSITIONS}, "expected n × 3 and n × 4"),
         ({"time_s": np.array([object()]), "poses": POSES}, "is no npz of arrays"),
     ],
