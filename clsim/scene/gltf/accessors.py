@@ -77,7 +77,7 @@ class GltfFile:
         self.path = path
         data = read_bytes(path)
         text, self._chunk = _split(path, data)
-        text = text.removeprefix(codecs.BOM_UTF8)
+        text = text.removeprefix(codecs.BOM_UTF8).rstrip(b"\0")  # with which some fill up, in place of spaces
         try:
             self.json = schema.Gltf.model_validate_json(text)
         except ValidationError as error:

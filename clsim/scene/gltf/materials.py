@@ -57,6 +57,10 @@ class MaterialReader:
             return _set(info)
         return 0
 
+    def is_textured(self, material: int | None) -> bool:
+        """Tell whether a material has textures."""
+        return bool(_textures(self._source(material)))
+
     def is_unlit(self, material: int | None) -> bool:
         """Tell whether a material shows its own colour, whatever the light."""
         return self._source(material).extensions.KHR_materials_unlit is not None

@@ -107,6 +107,8 @@ def _read_primitive(
     material = materials.index(primitive.material)
     coordinates = values(attributes, f"TEXCOORD_{materials.texcoord(primitive.material)}", "VEC2")
     uvs = None
+    if coordinates is None and materials.is_textured(primitive.material):
+        warn("a texture on a mesh without its texture coordinates shows one colour")
     if coordinates is not None:
         uvs = np.stack([coordinates[:, 0], 1.0 - coordinates[:, 1].astype(np.float64)], axis=1).astype(np.float32)
     colors = _colors(values(attributes, "COLOR_0", "VEC3", "VEC4"), warn)

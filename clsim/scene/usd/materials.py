@@ -75,7 +75,7 @@ class MaterialReader:
         return len(self.materials) - 1
 
     def uv_name(self, prim: Any) -> str:
-        """Return which primvar the material of a mesh, or that of its first subset, takes for coordinates."""
+        """Return which primvar the first picture on a mesh takes for coordinates; a warning tells if it lacks it."""
         subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
         names: dict[str, None] = {}
         for each in (prim, *(subset.GetPrim() for subset in subsets)):
@@ -84,7 +84,10 @@ class MaterialReader:
             names |= dict.fromkeys(self._reader.uv_names(found[0]) if found else ())
         if len(names) > 1:
             self._warn(f"all textures of a mesh use the first of its texture coordinates (first {prim.GetName()})")
-        return next(iter(names), "st")
+        first = next(iter(names), "st")
+        if names and not UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance(first).HasValue():
+            self._warn(f"{first} that a texture asks for is missing: it shows one colour (first {prim.GetName()})")
+        return first
 
     def color_name(self, prim: Any) -> str | None:
         """Return which primvar gives a mesh its colours: that of its material's, or USD's own where it has none."""
@@ -132,7 +135,7 @@ class MaterialReader:
         told["diffuseColor"], tint = self._below_coat(
             told["diffuseColor"], self._told(surface, model, "coatColor"), _share(numbers["clearcoat"]), name
         )
-        texture, factor = self._reader.colors(told["diffuseColor"])
+        texture, factor = self._reader.colors(told["diffuseColor"], most=1.0)
         color = told["diffuseColor"].color(model.color) if texture < 0 else factor
         r, g, b = (channel * shade for channel, shade in zip(scaled(color, numbers["baseWeight"]), tint, strict=True))
         color = _shares((r, g, b))

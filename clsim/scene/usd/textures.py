@@ -149,12 +149,12 @@ class TextureReader:
             self.textures.append(make())
         return self._indices[key]
 
-    def colors(self, told: Told) -> tuple[int, Vec3]:
-        """Return the index of a picture of colours, −1 for none, and what it is to be multiplied by."""
+    def colors(self, told: Told, most: float = math.inf) -> tuple[int, Vec3]:
+        """Return the index of a picture of colours, −1 for none, and what multiplies it, at most ``most``."""
         if told.image is None:
             return -1, (1.0, 1.0, 1.0)
         image = told.image
-        if any(told.bias[:3]):
+        if any(told.bias[:3]) or max(told.scale[:3]) > most:
             return self.add((*told.key, "biased", told.scale, told.bias), lambda: _biased(told, image)), (1.0, 1.0, 1.0)
         r, g, b = (max(factor, 0.0) for factor in told.scale[:3])
         return self.add(told.key, lambda: image), (r, g, b)
@@ -169,13 +169,21 @@ class TextureReader:
         return index, (r * most, g * most, b * most)
 
     def normals(self, told: Told) -> int:
-        """Return the index of a normal map, −1 for none: bytes from 0 to 255 stand for −1 to 1."""
+        """Return the index of a normal map, −1 for none: bytes from 0 to 255 stand for −1 to 1, whoever says so.
+
+        Scale and bias may say that they point the other way, as green does in DirectX's maps.
+        """
         if told.image is None:
             return -1
         plain = replace(told.image, srgb=False)
         if is_linear(told.key[0]):
             plain = replace(plain, pixels=read_texture(Path(told.key[0]), self._budget, srgb=False))
-        return self.add((*told.key, "normal"), lambda: plain)
+        turned = [k for k in range(3) if told.scale[k] < 0 < told.bias[k]]
+        if turned:
+            pixels = plain.pixels.copy()
+            pixels[..., turned] = 255 - pixels[..., turned]
+            plain = replace(plain, pixels=pixels)
+        return self.add((*told.key, "normal", *turned), lambda: plain)
 
     def _texture(self, shader: Any, output: str) -> Told:
         name = shader.GetPath()

@@ -42,6 +42,7 @@ def test_materials_keep_their_factors_textures_and_extensions(tmp_path):
             }
         ],
     )
+    tree["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = add(tree, np.zeros((3, 2)))
     tree["meshes"][0]["primitives"][0]["material"] = 0
     path = write_gltf(tmp_path, tree)
     world = load_gltf(path)

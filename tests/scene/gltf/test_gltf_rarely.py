@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clsim.scene.gltf.scene import load_gltf
-from tests.scene.gltf.gltf_files import CORNERS, add, animate, glb, gltf, with_camera, write_gltf
+from tests.scene.gltf.gltf_files import CORNERS, add, animate, glb, gltf, image_uri, with_camera, write_gltf
 
 
 def with_material(material, **changes):
@@ -38,6 +38,29 @@ def test_a_file_is_read_as_what_it_is_whatever_its_ending(tmp_path, name, binary
     (tmp_path / name).write_bytes(glb(gltf()) if binary else text)
     world = load_gltf(tmp_path / name)
     assert world.meshes[0].vertices == pytest.approx(np.array(CORNERS, float))
+
+
+def test_a_text_that_is_filled_up_with_zeros_is_read(tmp_path):
+    whole = glb(gltf())
+    length = int.from_bytes(whole[12:16], "little")
+    filled = (
+        whole[:8] + (len(whole) + 4).to_bytes(4, "little") + (length + 4).to_bytes(4, "little") + whole[16:] + bytes(4)
+    )
+    (tmp_path / "a.glb").write_bytes(filled)
+    assert load_gltf(tmp_path / "a.glb").meshes[0].vertices == pytest.approx(np.array(CORNERS, float))
+
+
+@pytest.mark.parametrize(("coordinates", "told"), [([], 1), (["TEXCOORD_1"], 1), (["TEXCOORD_0"], 0)])
+def test_a_texture_without_its_coordinates_is_told(tmp_path, coordinates, told):
+    tree = with_material(
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}},
+        images=[{"uri": image_uri(np.full((2, 2, 3), 99))}],
+        textures=[{"source": 0}],
+    )
+    found = {name: add(tree, np.zeros((3, 2))) for name in coordinates}
+    tree["meshes"][0]["primitives"][0]["attributes"] |= found
+    sentence = "scene.gltf: a texture on a mesh without its texture coordinates shows one colour"
+    assert load_gltf(write_gltf(tmp_path, tree)).warnings == (sentence,) * told
 
 
 def test_colours_of_vertices_do_not_shine(tmp_path):

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from clsim.scene import load_world
+from clsim.scene.pictures.images import decode_srgb
 from tests.scene.usd.usd_files import CAMERA, METRES, SQUARE, TIMED, mesh, placed, points_at, usda
 
 ST = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (\ninterpolation = "vertex")'
@@ -72,6 +73,33 @@ def test_opacity_of_a_mesh_without_a_material(tmp_path):
     assert world.warnings == ("scene.usda: opacity that differs over a mesh is its mean (first faded)",)
 
 
+@pytest.mark.parametrize(
+    ("scale", "bias", "green"),
+    [((2, 2, 2), (-1, -1, -1), 99), ((2, -2, 2), (-1, 1, -1), 156), ((1, 1, 1), (0, 0, 0), 99)],
+)
+def test_normal_maps_whose_green_points_down_are_turned(tmp_path, scale, bias, green):
+    told = f"float4 inputs:scale = {(*scale, 1)}\nfloat4 inputs:bias = {(*bias, 0)}"
+    texture = TEXTURE % ("T", "R", told, "R", "st")
+    world = bound_world(tmp_path, "normal3f inputs:normal.connect = </M/T.outputs:rgb>", texture, ST)
+    pixels = world.textures[world.materials[0].normal_texture].pixels
+    assert pixels[0, 0, :3].tolist() == [99, green, 99] and not world.warnings
+
+
+def test_a_picture_of_colours_may_be_multiplied_by_more_than_one(tmp_path):
+    texture = TEXTURE % (
+        "T",
+        "R",
+        'float4 inputs:scale = (2, 2, 2, 1)\ntoken inputs:sourceColorSpace = "raw"',
+        "R",
+        "st",
+    )
+    world = bound_world(tmp_path, "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>", texture, ST)
+    (found,) = world.materials
+    texel = world.textures[found.texture]
+    assert found.color == (1, 1, 1) and texel.srgb
+    assert decode_srgb(texel.pixels[0, 0, :3] / 255) == pytest.approx(2 * 99 / 255, abs=0.005)
+
+
 def test_texture_coordinates_with_a_third_number(tmp_path):
     st = 'texCoord3f[] primvars:st = [(0, 0, 7), (1, 0, 7), (1, 1, 7), (0, 1, 7)] (\ninterpolation = "vertex")'
     texture = TEXTURE % ("T", "R", "", "R", "st")
@@ -116,6 +144,12 @@ def test_texture_coordinates_with_a_third_number(tmp_path):
             TEXTURE % ("T", "R", "", "R", "st") + "\n" + TEXTURE % ("T2", "R2", "", "R2", "other"),
             ST,
             "all textures of a mesh use the first of its texture coordinates",
+        ),
+        (
+            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
+            TEXTURE % ("T", "R", "", "R", "st"),
+            "",
+            "st that a texture asks for is missing: it shows one colour (first square)",
         ),
         (
             "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
