@@ -13,8 +13,8 @@ ROWS = (
         "points and lines; a file that requires meshopt or KTX2 is refused, and the error names the tool that unpacks"
         " it (`gltfpack`, `gltf-transform`); textures of clearcoat, specular and transmission are replaced by their "
         "mean; anisotropic roughness is replaced by the mean of both directions; thin films have the same colour from"
-        " all directions, that from above; other extensions of materials; if two keyframes have the same time, the "
-        "last is used",
+        " all directions, that from above; ranges of lamps; colours of vertices in morph targets and of unlit "
+        "materials; other extensions; if two keyframes have the same time, the last is used",
     ),
     (
         "USD (extra `usd`)",
@@ -23,8 +23,9 @@ ROWS = (
         " material; cameras, orthographic ones too; lamps and domes; motion, skins",
         "single prims with a value that cannot be used; subdivision (the mesh gets smooth normals instead); curves, "
         "volumes; of MaterialX: sheen, subsurface, thin films, anisotropy, all nodes but pictures and values, and "
-        "`.mtlx` files, which usd-core does not open; other materials; prims that appear or vanish; light filters and"
-        " profiles. Faces are visible from both sides, also where `doubleSided` is false",
+        "`.mtlx` files, which usd-core does not open; other materials; prims that appear or vanish; what else than "
+        "places, points and light changes with time; light filters, profiles and links; a second set of texture "
+        "coordinates. Faces are visible from both sides, also where `doubleSided` is false",
     ),
     (
         "Mitsuba (`.xml` of 0.6 to 3)",
@@ -41,7 +42,7 @@ ROWS = (
     ),
     (
         "OBJ, PLY",
-        "triangles, colours of vertices, materials of an `.mtl`",
+        "polygons, colours of vertices, materials of an `.mtl`",
         "all else",
     ),
     (
@@ -60,7 +61,7 @@ A sky under a mirroring matrix is mirrored.
 
 An orthographic camera (in a TOML `lens = { model = "orthographic", view_width_m = 2.0 }`) sees along parallel
 rays. The rays begin in the plane of the camera's position. If the camera's parent node is scaled, the view is
-scaled too.
+scaled too. Near and far planes of cameras cut nothing off.
 """
 
 

@@ -266,6 +266,9 @@ class _Materials:
         self._tell(getattr(source, "name", None) or name, written)
         image = getattr(source, "image", None)
         texture = -1 if image is None else self._texture(name, image, str(written.get("map_kd")))
+        if image is not None and _uvs(geometry) is None and "uv" not in self._told:
+            self._told.add("uv")
+            self._notes.append(f"{self._path.name}: the image of {name} shows one colour: its mesh has no coordinates")
         color = np.clip(_rgb(written.get("kd"), 0.5 if image is None else 1.0), 0.0, 1.0)
         if image is not None and not color.any():
             color = np.ones(3)  # exporters write black beside a texture, and viewers show the texture

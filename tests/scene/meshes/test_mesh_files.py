@@ -235,7 +235,7 @@ def test_names_in_another_encoding_are_read(tmp_path):
     shutil.move(_png(tmp_path / "x.png"), image)
     (tmp_path / "b\u00fc.mtl").write_bytes(b"newmtl gr\xfcn\nmap_Kd gr\xfcn.png\n")
     path = tmp_path / "a.obj"
-    path.write_bytes(b"# gr\xfcn\nmtllib b\xfc.mtl\n" + OBJ.encode() + b"usemtl gr\xfcn\nf 1 2 3\n")
+    path.write_bytes(b"# gr\xfcn\nmtllib b\xfc.mtl\n" + OBJ.encode() + b"vt 0 0\nusemtl gr\xfcn\nf 1/1 2/1 3/1\n")
     world = load_world(path)
     assert not world.warnings
     assert world.materials[0].texture == 0

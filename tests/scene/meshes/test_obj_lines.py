@@ -163,3 +163,12 @@ def test_colours_are_told_in_several_ways(tmp_path, material, color, emission, t
 )
 def test_what_faces_ask_for_is_told(tmp_path, lines, told):
     assert load_parts(_written(tmp_path, LOW + lines)).warnings == [f"a.obj: {sentence}" for sentence in told]
+
+
+def test_an_image_on_a_mesh_without_coordinates_is_told(tmp_path):
+    PIL.Image.fromarray(np.full((2, 2, 3), 99, np.uint8)).save(tmp_path / "a.png")
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd a.png\n")
+    told = load_parts(_written(tmp_path, "mtllib a.mtl\n" + LOW + "usemtl m\nf 1 2 3\n")).warnings
+    assert len(told) == 1 and told[0].endswith("shows one colour: its mesh has no coordinates")
+    flat = "vt 0 0\nusemtl m\nf 1/1 2/1 3/1\n"
+    assert not load_parts(_written(tmp_path, "mtllib a.mtl\n" + LOW + flat)).warnings
