@@ -93,8 +93,14 @@ class LightReader:
         if any(link.GetTargets() for place in places if (link := prim.GetRelationship(place))):
             self._warn(f"lamps for some objects shine on all (first {name})")
 
+    def _input(self, prim: Any, name: str) -> Any:
+        """Return what tells an input of a lamp; files of before USD 21.02 have no ``inputs:`` before its name."""
+        now, before = prim.GetAttribute(f"inputs:{name}"), prim.GetAttribute(name)
+        old = before and before.HasAuthoredValue() and not (now and now.HasAuthoredValue())
+        return before if old else now
+
     def _size(self, prim: Any, name: str, default: float) -> float:
-        found = self._stage.still(prim.GetAttribute(f"inputs:{name}"))
+        found = self._stage.still(self._input(prim, name))
         size = default if found is None else abs(float(found))
         if not math.isfinite(size):
             raise PrimError(f"{self._stage.path}: {prim.GetPath()} has a {name} that is not finite")
@@ -102,15 +108,14 @@ class LightReader:
 
     def _radiance(self, prim: Any, area: float) -> tuple[Vec3, Modulation | None]:
         """Return intensity, exposure, colour and temperature as one, over an area where the lamp says so."""
-        light, get = UsdLux.LightAPI(prim), prim.GetAttribute
-        area = area if self._stage.value(light.GetNormalizeAttr()) and area > 0 else 1.0
+        area = area if self._stage.value(self._input(prim, "normalize")) and area > 0 else 1.0
         sources: list[Source] = [
-            (light.GetIntensityAttr(), lambda value: (1.0 if value is None else float(value)) / area),
-            (light.GetExposureAttr(), lambda value: 2.0 ** min(float(value or 0.0), 120.0)),
-            (light.GetColorAttr(), lambda value: (1.0, 1.0, 1.0) if value is None else tuple(value)),
+            (self._input(prim, "intensity"), lambda value: (1.0 if value is None else float(value)) / area),
+            (self._input(prim, "exposure"), lambda value: 2.0 ** min(float(value or 0.0), 120.0)),
+            (self._input(prim, "color"), lambda value: (1.0, 1.0, 1.0) if value is None else tuple(value)),
         ]
-        if self._stage.value(light.GetEnableColorTemperatureAttr()):
-            kelvin = get("inputs:colorTemperature")
+        if self._stage.value(self._input(prim, "enableColorTemperature")):
+            kelvin = self._input(prim, "colorTemperature")
             sources.append((kelvin, lambda value: _black_body(6500.0 if value is None else float(value))))
         return brightest(self._stage, sources, repeat=self._repeat)
 
@@ -127,7 +132,7 @@ class LightReader:
             self.lights.spheres.append(SphereLight(radius * scale, radiance, motion, name, change))
             return
         # A small sphere's intensity is its radiance times π·r²; without a size that of 1/(4·r²) of its surface.
-        normalised = bool(self._stage.value(UsdLux.LightAPI(prim).GetNormalizeAttr()))
+        normalised = bool(self._stage.value(self._input(prim, "normalize")))
         squared = 1.0 / (4 * math.pi) if radius == 0 else (radius * unit) ** 2
         to_metres = self._stage.metres**2 if normalised or radius > 0 else 1.0
         r, g, b = (channel * math.pi * squared * to_metres for channel in radiance)
@@ -168,7 +173,7 @@ class LightReader:
 
     def _left_out(self, prim: Any, name: str, *inputs: str) -> None:
         for key in inputs:
-            attribute = prim.GetAttribute(f"inputs:{key}")
+            attribute = self._input(prim, key)
             value = self._stage.value(attribute) if attribute and attribute.HasAuthoredValue() else None
             if value and not (key.endswith("angle") and value >= 90.0):
                 self._warn(f"{key} of lamps is left out (first {name})")
@@ -195,11 +200,11 @@ class LightReader:
             self._warn(f"the dome {prim.GetName()} does not turn")
 
     def _dome_picture(self, prim: Any) -> Any:
-        file = prim.GetAttribute("inputs:texture:file")
+        file = self._input(prim, "texture:file")
         named = self._stage.picture(file) if file else None
         if named is None:
             return None
-        layout = str(self._stage.value(prim.GetAttribute("inputs:texture:format")) or "automatic")
+        layout = str(self._stage.value(self._input(prim, "texture:format")) or "automatic")
         if layout not in ("automatic", "latlong"):
             raise InputError(f"its format is {layout}, expected latlong")
         name, found = named

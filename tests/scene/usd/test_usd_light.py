@@ -270,3 +270,18 @@ def test_softness_is_the_share_of_the_cone_in_which_light_falls(tmp_path, softne
     lamp = f'def SphereLight "spot" (prepend apiSchemas = ["ShapingAPI"]) {{ {angles} }}'
     (spot,) = lamps(tmp_path, lamp).punctual_lights
     assert (spot.inner_deg, spot.outer_deg) == (pytest.approx(inner), 40.0)
+
+
+@pytest.mark.parametrize("prefix", ["inputs:", ""])
+def test_lamps_of_before_their_inputs_were_called_so(tmp_path, prefix):
+    # Files of before USD 21.02, such as Blender's up to 2.93.
+    ball = 'def SphereLight "ball" { float <intensity = 50\nfloat <exposure = 1\ncolor3f <color = (1, 0.5, 0.25)\n'
+    ball += "float <radius = 2\nbool <normalize = 0 }\n"
+    spot = 'def SphereLight "spot" { float <radius = 0.1\nfloat <shaping:cone:angle = 30 }\n'
+    sky = 'def DomeLight "sky" { asset <texture:file = @sky.png@\nfloat <intensity = 3 }\n'
+    PIL.Image.new("RGB", (4, 2), (255, 255, 255)).save(tmp_path / "sky.png")
+    world = load_world(usda(tmp_path, mesh() + (ball + spot + sky).replace("<", prefix)))
+    (found,) = world.sphere_lights
+    assert (found.radius_m, found.radiance) == (2, pytest.approx((100, 50, 25)))
+    assert [each.outer_deg for each in world.punctual_lights] == [30]
+    assert world.environment_map is not None and world.environment_map.radiance.max() == pytest.approx(3)
