@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.frames.frame import FloatArray
+from clsim.frames.primaries import luminance_weights, to_rec709
 
 _MOST_PIXELS = 1 << 27
-_REC709 = (0.2126, 0.7152, 0.0722)
 
 
 class _Window(NamedTuple):
@@ -33,7 +33,7 @@ def read_channels(file: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, An
     """Read all channels ``[H, W]``, of a multi-part file as ``part.channel``, and the first part's header.
 
     H and W are those of the display window. Pixels that a part's data window does not hold are 0, depths of Blender's
-    are infinite there. Of files of luminance, with or without chroma, R, G and B are made.
+    are infinite there. Of files of luminance, with or without chroma, R, G and B are made, and colours are Rec. 709's.
 
     Raises:
         InputError: the file cannot be read, is deep, or its parts have different display windows.
@@ -68,6 +68,7 @@ def read_channels(file: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, An
     if not channels:
         raise InputError(f"{file} has no channels")
     _add_colours(channels, header)
+    _to_rec709(channels, header)
     return channels, header
 
 
@@ -122,28 +123,28 @@ def _spread(pixels: npt.NDArray[Any], sampling: tuple[int, int], held: _Window) 
 
 def _add_colours(channels: dict[str, npt.NDArray[Any]], header: dict[str, Any]) -> None:
     """Make R, G and B of luminance Y, and of RY = (R - Y) / Y and BY = (B - Y) / Y where there are these."""
-    if "Y" not in channels or {"R", "G", "B"} & set(channels):
+    if "Y" not in channels or {"R", "G", "B", "X"} & set(channels):
         return
     luminance: FloatArray = channels["Y"].astype(np.float32)
     if "RY" not in channels or "BY" not in channels:
         channels |= dict.fromkeys("RGB", luminance)
         return
-    red, green, blue = _weights(header)
+    red, green, blue = luminance_weights(header.get("chromaticities", ()))
     channels["R"] = (channels["RY"].astype(np.float32) + 1) * luminance
     channels["B"] = (channels["BY"].astype(np.float32) + 1) * luminance
     channels["G"] = (luminance - np.float32(red) * channels["R"] - np.float32(blue) * channels["B"]) / np.float32(green)
 
 
-def _weights(header: dict[str, Any]) -> tuple[float, float, float]:
-    """Return the weights of R, G and B in luminance: those of the file's primaries, Rec. 709's where it tells none."""
-    told = np.ravel(header.get("chromaticities", ())).astype(np.float64)
-    if len(told) != 8:
-        return _REC709
-    xy = told.reshape(4, 2)
-    xyz = np.stack([xy[:, 0] / xy[:, 1], np.ones(4), (1 - xy.sum(axis=1)) / xy[:, 1]])
-    # Primaries have luminances with which they make the white point.
-    red, green, blue = np.linalg.solve(xyz[:, :3], xyz[:, 3])
-    return float(red), float(green), float(blue)
+def _to_rec709(channels: dict[str, npt.NDArray[Any]], header: dict[str, Any]) -> None:
+    """Make colours of a file's own primaries, as ACES has, those of Rec. 709."""
+    matrix = to_rec709(header.get("chromaticities", ()))
+    if matrix is None:
+        return
+    for group in [name[:-1] for name in channels if name == "R" or (name.endswith(".R") and "Variance" not in name)]:
+        names = [f"{group}{letter}" for letter in "RGB"]
+        if set(names) <= set(channels):
+            colours = np.stack([channels[name].astype(np.float32) for name in names])
+            channels |= dict(zip(names, np.tensordot(matrix, colours, 1), strict=True))
 
 
 def _full_name(part: str | None, channel: str) -> str:

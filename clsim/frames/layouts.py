@@ -3,7 +3,8 @@
 A layout is recognised by its channels alone:
 
 =============  ==========================================================================================
-``planes``     ours and the ICIP 2023 program's: channel names are plane names; also bare R, G, B
+``planes``     ours and the ICIP 2023 program's: channel names are plane names; also bare R, G, B, or such a
+               layer or part called rgba, rgb, beauty or C
 ``pbrt``       pbrt-v4's GBufferFilm: P.X…, Ns.X… or N.X…, Albedo.R…; no depth, but positions
 ``mitsuba``    Mitsuba 3's aov integrator: <name>.T is depth, <name>.X/Y/Z normals, <name>.R/G/B colours
 ``blender``    Blender's multilayer files: <layer>.Combined.R…, .Depth.Z, .Normal.X…, .DiffCol.R…; since
@@ -66,7 +67,7 @@ def recognise(channels: Iterable[str], file: str) -> Layout:
         InputError: no layout gives radiance, or the names are ambiguous.
     """
     names = set(channels)
-    for find in (_blender, _pbrt, _mitsuba, _planes):
+    for find in (_blender, _pbrt, _mitsuba, _planes, _layer):
         layout = find(names, file)
         if layout is not None:
             return layout
@@ -78,6 +79,12 @@ def _planes(names: set[str], file: str) -> Layout | None:
     if not set(RADIANCE) <= names:
         return None
     return Layout("planes", {name: name for name in _FILE_PLANES if name in names})
+
+
+def _layer(names: set[str], file: str) -> Layout | None:
+    groups = sorted(name[:-2] for name in names if name.endswith(".R") and _all(names, name[:-2], "RGB"))
+    found = [group for group in groups if group.rpartition(".")[2].lower() in ("rgba", "rgb", "beauty", "c")]
+    return Layout("planes", _triple(RADIANCE, _only(found, "picture", file), "RGB")) if found else None
 
 
 def _pbrt(names: set[str], file: str) -> Layout | None:

@@ -100,7 +100,32 @@ def test_luminance_alone_is_grey_and_chroma_makes_colours(tmp_path: Path) -> Non
     channels = {"Y": wide, "RY": (rgb[0] - wide) / wide, "BY": (rgb[2] - wide) / wide}
     write(tmp_path / "wide.exr", channels, chromaticities=primaries)
     found = read(tmp_path / "wide.exr")
-    assert np.allclose(np.stack([found[name] for name in "RGB"]), rgb, atol=1e-4)
+    # BT.2087 tells how they become Rec. 709's.
+    to_709 = [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]]
+    assert np.allclose(np.stack([found[name] for name in "RGB"]), np.tensordot(to_709, rgb, 1), atol=2e-4)
+
+
+def test_colours_of_aces_become_those_of_rec_709(tmp_path: Path) -> None:
+    rgb = RNG.uniform(0.1, 1, (3, 5, 7)).astype(np.float32)
+    rgb[:, 0, 0] = 0.5
+    acescg = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
+    layer = {f"ViewLayer.Combined.{name}": each for name, each in zip("RGB", rgb, strict=True)}
+    write(tmp_path / "a.exr", layer | {"ViewLayer.Depth.Z": rgb[0]}, chromaticities=acescg)
+    found = read(tmp_path / "a.exr")
+    # As OpenColorIO's configurations for ACES have it.
+    to_709 = [[1.70505, -0.62179, -0.08326], [-0.13026, 1.1408, -0.01055], [-0.024, -0.12897, 1.15297]]
+    assert np.allclose(np.stack([found[name] for name in "RGB"]), np.tensordot(to_709, rgb, 1), atol=1e-4)
+    assert np.allclose([found[name][0, 0] for name in "RGB"], 0.5, atol=1e-4)
+    assert np.array_equal(found["Depth"], rgb[0])
+    for told in ((0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329), (0.0,) * 8):
+        write(tmp_path / "a.exr", layer, chromaticities=told)
+        assert np.array_equal([read(tmp_path / "a.exr")[name] for name in "RGB"], rgb)
+
+
+def test_positions_are_not_taken_for_luminance(tmp_path: Path) -> None:
+    write(tmp_path / "a.exr", {name: np.ones((2, 2), np.float32) for name in "XYZ"})
+    with pytest.raises(InputError, match="has no radiance that a known layout names"):
+        read(tmp_path / "a.exr")
 
 
 def test_channels_that_have_fewer_samples_are_linear_between_them() -> None:
@@ -121,3 +146,14 @@ def test_the_shared_cases() -> None:
     assert ExrSequence(CASES / "grey", fps=30).names == ("R", "G", "B")
     first, second = (frame.planes[:3] for frame in ExrSequence(CASES / "shift_texture", fps=30))
     assert first.shape == (3, 48, 80) and np.array_equal(first[:, :, 4:64], second[:, :, 4:64])
+
+
+@pytest.mark.parametrize("name", ["rgba", "RGBA", "main.beauty", "C"])
+def test_a_part_that_is_called_the_picture_is_it(tmp_path: Path, name: str) -> None:
+    head = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    planes = {channel: RNG.uniform(0.1, 1, (2, 3)).astype(np.float32) for channel in "RGB"}
+    other = {channel: np.zeros((2, 3), np.float32) for channel in "RGB"}
+    parts = [OpenEXR.Part(dict(head), other, "diffuse"), OpenEXR.Part(dict(head), dict(planes), name)]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    found = read(tmp_path / "a.exr")
+    assert all(np.array_equal(found[channel], planes[channel]) for channel in "RGB")

@@ -223,7 +223,9 @@ def _read_exr(path: Path, budget: PixelBudget) -> F32:
         budget.take(str(path), *max(sizes, key=math.prod))
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = file.channels()
-            names = [n for n in ("R", "G", "B") if n in channels] or [n for n in ("Y",) if n in channels]
+            names = [name for name in "RGB" if name in channels]
+            if not names and "Y" in channels and "X" not in channels:  # beside X it is no luminance
+                names = ["Y"]
             if len(names) not in (1, 3):
                 raise InputError(f"{path}: has channels {', '.join(channels)}, expected R, G, B or Y")
             if names == ["Y"] and {"RY", "BY"} & set(channels):

@@ -197,3 +197,9 @@ def test_luminance_with_chroma_is_not_taken_for_grey(tmp_path):
     OpenEXR.File({}, {"Y": plane, "RY": plane / 2, "BY": -plane / 2}).write(str(tmp_path / "a.exr"))
     with pytest.raises(InputError, match=r"has luminance and chroma \(Y, RY, BY\), expected R, G, B or Y alone"):
         read_linear(tmp_path / "a.exr", PixelBudget())
+
+
+def test_positions_are_not_taken_for_grey(tmp_path):
+    OpenEXR.File({}, dict.fromkeys("XYZ", np.ones((2, 2), np.float32))).write(str(tmp_path / "a.exr"))
+    with pytest.raises(InputError, match="has channels X, Y, Z, expected R, G, B or Y"):
+        read_linear(tmp_path / "a.exr", PixelBudget())
