@@ -102,7 +102,9 @@ class SpecularGlossiness(Part):
 
     diffuseFactor: tuple[Share, Share, Share, Share] = (1.0, 1.0, 1.0, 1.0)
     diffuseTexture: TextureInfo | None = None
+    specularFactor: tuple[Share, Share, Share] = (1.0, 1.0, 1.0)
     glossinessFactor: Share = 1.0
+    specularGlossinessTexture: TextureInfo | None = None
 
 
 class EmissiveStrength(Part):

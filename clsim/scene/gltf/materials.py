@@ -87,7 +87,7 @@ class MaterialReader:
         if glossy is not None:
             self._warn("materials of specular and glossiness are read as metallic-roughness with no metal")
             base_factor, base_info = glossy.diffuseFactor, glossy.diffuseTexture
-            metallic, roughness = 0.0, 1.0 - glossy.glossinessFactor
+            metallic = 0.0
         base = self._texture(base_info, srgb=True)
         blends = source.alphaMode != "OPAQUE"
         emissive = self._texture(source.emissiveTexture, srgb=True)
@@ -136,7 +136,17 @@ class MaterialReader:
             opacity_texture=base if blends else -1,
             name=source.name,
         )
+        if glossy is not None and extra.KHR_materials_unlit is None:
+            material = self._glossy(material, glossy, name)
         return _solid(self._under_layers(material, extra, name), extra.KHR_materials_volume)
+
+    def _glossy(self, material: Material, glossy: schema.SpecularGlossiness, name: str) -> Material:
+        """Return a material that reflects straight on what the specular colour says, as metals of such files do."""
+        texture = glossy.specularGlossinessTexture
+        *tint, gloss = self._mean("specular and glossiness", texture, name, srgb=True)
+        r, g, b = (factor * mean for factor, mean in zip(glossy.specularFactor, tint, strict=True))
+        alpha = (1.0 - glossy.glossinessFactor * gloss) ** 2
+        return replace(material, alpha=alpha, ior=MIRROR_IOR, specular_color=(r, g, b))
 
     def _under_layers(self, material: Material, extra: schema.MaterialExtensions, name: str) -> Material:
         """Return a material as it looks under layers that clsim has not, told once."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import textwrap
 import zipfile
@@ -94,7 +95,8 @@ class Stage:
     def _sampled(self) -> tuple[float, float]:
         """Return the first and the last time code of all samples, where a file tells no range of its own."""
         codes = [self.start]
-        for prim in self.usd.TraverseAll():
+        shared = (prim for prototype in self.usd.GetPrototypes() for prim in Usd.PrimRange(prototype))
+        for prim in itertools.chain(self.usd.TraverseAll(), shared):
             for attribute in prim.GetAuthoredAttributes():
                 with suppress(Tf.ErrorException):
                     sampled = attribute.GetTimeSamples() if attribute.ValueMightBeTimeVarying() else []

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from clsim.scene.gltf.scene import load_gltf
+from clsim.scene.pictures.images import decode_srgb
 from tests.scene.gltf.gltf_files import CORNERS, add, animate, glb, gltf, image_uri, with_camera, write_gltf
 
 
@@ -19,6 +20,22 @@ def test_an_index_of_zero_leaves_reflection_to_the_specular_colour(tmp_path):
     (found,) = load_gltf(write_gltf(tmp_path, with_material({"extensions": extensions}))).materials
     straight = ((found.ior - 1) / (found.ior + 1)) ** 2
     assert np.multiply(found.specular_color, straight) == pytest.approx((0.5, 0.6, 0.7), rel=0.01)
+
+
+@pytest.mark.parametrize("textured", [False, True])
+def test_specular_and_glossiness_reflect_as_told(tmp_path, textured):
+    # The extension's own gold, whose diffuse colour is black.
+    gold = {"diffuseFactor": [0, 0, 0, 1], "specularFactor": [1, 0.766, 0.336], "glossinessFactor": 0.9}
+    pixels = np.full((2, 2, 4), (255, 188, 128, 51))
+    picture = {"images": [{"uri": image_uri(pixels)}], "textures": [{"source": 0}]} if textured else {}
+    extension = gold | ({"specularGlossinessTexture": {"index": 0}} if textured else {})
+    tree = with_material({"extensions": {"KHR_materials_pbrSpecularGlossiness": extension}}, **picture)
+    (found,) = load_gltf(write_gltf(tmp_path, tree)).materials
+    straight = ((found.ior - 1) / (found.ior + 1)) ** 2
+    expected = np.array(gold["specularFactor"]) * (decode_srgb(pixels[0, 0, :3] / 255) if textured else 1)
+    assert np.multiply(found.specular_color, straight) == pytest.approx(expected, rel=0.01)
+    assert (found.color, found.metallic) == ((0, 0, 0), 0)
+    assert found.alpha == pytest.approx((1 - 0.9 * (0.2 if textured else 1)) ** 2)
 
 
 def test_nodes_that_are_not_visible_are_not_there_nor_what_they_hold(tmp_path):

@@ -64,6 +64,14 @@ def test_motion_without_a_range_of_time_lasts_as_long_as_its_samples(tmp_path, m
     assert middle == pytest.approx(np.tile([2, 0, 0], (4, 1)), abs=1e-5)
 
 
+def test_motion_within_instances_counts_for_the_range_of_time(tmp_path):
+    moving = placed("double3 xformOp:translate.timeSamples = { 0: (0, 0, 0), 48: (4, 0, 0) }")
+    shared = f'class "_shared" {{ def Xform "X" {{\n{moving}{mesh()}}}\n}}\n'
+    one = 'def Xform "one" (instanceable = true\ninherits = </_shared>) { }\n'
+    world = load_world(usda(tmp_path, shared + one + CAMERA, METRES + "\n    timeCodesPerSecond = 24"))
+    assert world.duration_s == pytest.approx(2)
+
+
 def test_opacity_of_a_mesh_without_a_material(tmp_path):
     one = "color3f[] primvars:displayColor = [(1, 0, 0)]\nfloat[] primvars:displayOpacity = [0.25]"
     several = 'float[] primvars:displayOpacity = [0, 1, 1, 1] (\ninterpolation = "vertex")'
