@@ -29,6 +29,8 @@ def read_camera(stage: Stage, prim: Any, motion: Motion) -> Camera:
         raise PrimError(f"{stage.path}: {prim.GetPath()} has an aperture or a focal length that is not positive")
     for name in _FIXED:
         stage.still(prim.GetAttribute(name))
+    if stage.value(prim.GetAttribute("exposure")):
+        stage.warn(f"exposure of cameras is left out (first {prim.GetName()})")
     width = RESOLUTION[0]
     if str(source.projection).endswith("Orthographic"):
         if source.horizontalApertureOffset or source.verticalApertureOffset:

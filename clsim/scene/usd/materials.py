@@ -130,7 +130,8 @@ class MaterialReader:
             # MaterialX's standard surface has a colour for it.
             told["opacity"] = replace(told["opacity"], value=float(np.mean(told["opacity"].color((1.0, 1.0, 1.0)))))
         for extra in model.unread:
-            if self._reader.told(surface, extra).number(0.0) > 0 or self._reader.told(surface, extra).image is not None:
+            unread = self._reader.told(surface, extra)
+            if unread.image is not None or max(unread.color(BLACK)) > 0:
                 self._warn(f"{extra} of materials is left out (first that of {name})")
         told["diffuseColor"], tint = self._below_coat(
             told["diffuseColor"], self._told(surface, model, "coatColor"), _share(numbers["clearcoat"]), name
@@ -138,6 +139,8 @@ class MaterialReader:
         texture, factor = self._reader.colors(told["diffuseColor"], most=1.0)
         color = told["diffuseColor"].color(model.color) if texture < 0 else factor
         r, g, b = (channel * shade for channel, shade in zip(scaled(color, numbers["baseWeight"]), tint, strict=True))
+        if numbers["transmission"] > 0 and "transmissionColor" in model.names:
+            r, g, b, texture = self._passing(surface, model, numbers["transmission"], (r, g, b, texture), name)
         color = _shares((r, g, b))
         material = Material(
             kind="principled",
@@ -147,7 +150,9 @@ class MaterialReader:
             clearcoat=_share(numbers["clearcoat"]),
             clearcoat_alpha=_share(numbers["clearcoatRoughness"]) ** 2,
             normal_texture=self._reader.normals(told["normal"]),
-            specular_color=(_share(numbers["specularWeight"]),) * 3,
+            specular_color=_shares(
+                scaled(self._plain(surface, model, "specularTint", name), numbers["specularWeight"])
+            ),
             transmission=_share(numbers["transmission"]),
             name=name,
         )
@@ -155,7 +160,14 @@ class MaterialReader:
             material = self._specular(material, told["specularColor"])
             told["metallic"] = Told(0.0)
         glowing = self._glowing(material, told["emissiveColor"], surface, model)
-        return self._opaque(self._rough(glowing, told, model.roughness), told, numbers)
+        rough = self._rough(glowing, told, model.roughness)
+        mode = None if "alphaMode" not in model.names else int(self._told(surface, model, "alphaMode").number(0.0))
+        if mode == 0:
+            return rough
+        if mode is not None:  # of glTF's surface: 1 masks, 2 blends
+            cutoff = self._told(surface, model, "opacityThreshold").number(0.5)
+            numbers["opacityThreshold"] = max(cutoff, 1e-6) if mode == 1 else 0.0
+        return self._opaque(rough, told, numbers)
 
     def _told(self, surface: Any, model: SurfaceModel, key: str) -> Told:
         name = model.names.get(key)
@@ -164,6 +176,26 @@ class MaterialReader:
             self._warn(f"what a mesh gives to {name} of materials is left out (first {surface.GetPath()})")
             return Told()
         return told
+
+    def _plain(self, surface: Any, model: SurfaceModel, key: str, name: str) -> Vec3:
+        """Return a colour that is white where nothing is told, and may be no picture."""
+        told = self._told(surface, model, key)
+        if told.image is not None:
+            self._warn(f"textures of {model.names[key]} are left out (first that of {name})")
+        return told.color((1.0, 1.0, 1.0))
+
+    def _passing(
+        self, surface: Any, model: SurfaceModel, share: float, base: tuple[float, float, float, int], name: str
+    ) -> tuple[float, float, float, int]:
+        """Return colour and texture of what lets a share of light pass, which has a colour of its own."""
+        if not self._told(surface, model, "thinWalled").value:
+            self._warn(f"what passes light is a thin wall and does not refract (first {name})")
+        color = self._plain(surface, model, "transmissionColor", name)
+        if share >= 1.0:
+            return (*color, -1)
+        if min(color) < 1.0:
+            self._warn(f"light that passes in part has the surface's own colour (first that of {name})")
+        return base
 
     def _mean(self, told: Told, key: str, default: float, name: str) -> float:
         """Return a number, or the mean of the picture that tells it."""

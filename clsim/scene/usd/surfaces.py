@@ -24,11 +24,11 @@ class SurfaceModel:
 
     Attributes:
         names: its names of inputs, by those of UsdPreviewSurface and those that only others have: ``transmission``,
-            ``baseWeight``, ``specularWeight``, ``emissionWeight``, and ``coatColor``, which tints what lies below the
-            coat.
+            ``baseWeight``, ``specularWeight``, ``specularTint``, ``emissionWeight``, ``transmissionColor``,
+            ``thinWalled``, ``alphaMode``, and ``coatColor``, which tints what lies below the coat.
         color, roughness: what these inputs are where the file tells nothing.
         ior, clearcoat_roughness, emission: likewise; ``emission`` is the weight of what it sends out.
-        unread: numbers that clsim cannot show, which are 0 where they are not used.
+        unread: numbers and colours that clsim cannot show, which are 0 where they are not used.
         nits: whether light is told in cd/m².
     """
 
@@ -56,6 +56,9 @@ _STANDARD = SurfaceModel(
         "roughness": "specular_roughness",
         "ior": "specular_IOR",
         "specularWeight": "specular",
+        "specularTint": "specular_color",
+        "transmissionColor": "transmission_color",
+        "thinWalled": "thin_walled",
         "clearcoat": "coat",
         "coatColor": "coat_color",
         "clearcoatRoughness": "coat_roughness",
@@ -70,7 +73,10 @@ _STANDARD = SurfaceModel(
     clearcoat_roughness=0.1,
     emission=0.0,
     emissive=(1.0, 1.0, 1.0),
-    unread=("sheen", "subsurface", "thin_film_thickness", "specular_anisotropy", "coat_anisotropy"),
+    unread=(
+        *("sheen", "subsurface", "thin_film_thickness", "specular_anisotropy", "coat_anisotropy"),
+        *("diffuse_roughness", "transmission_depth", "transmission_scatter", "transmission_dispersion"),
+    ),
 )
 _OPEN_PBR = SurfaceModel(
     {
@@ -80,6 +86,9 @@ _OPEN_PBR = SurfaceModel(
         "roughness": "specular_roughness",
         "ior": "specular_ior",
         "specularWeight": "specular_weight",
+        "specularTint": "specular_color",
+        "transmissionColor": "transmission_color",
+        "thinWalled": "geometry_thin_walled",
         "clearcoat": "coat_weight",
         "coatColor": "coat_color",
         "clearcoatRoughness": "coat_roughness",
@@ -94,7 +103,10 @@ _OPEN_PBR = SurfaceModel(
     clearcoat_roughness=0.0,
     emission=0.0,
     emissive=(1.0, 1.0, 1.0),
-    unread=("fuzz_weight", "subsurface_weight", "thin_film_weight", "specular_roughness_anisotropy"),
+    unread=(
+        *("fuzz_weight", "subsurface_weight", "thin_film_weight", "specular_roughness_anisotropy"),
+        *("base_diffuse_roughness", "transmission_depth", "transmission_scatter"),
+    ),
     nits=True,
 )
 _GLTF = SurfaceModel(
@@ -104,6 +116,8 @@ _GLTF = SurfaceModel(
         "roughness": "roughness",
         "ior": "ior",
         "specularWeight": "specular",
+        "specularTint": "specular_color",
+        "alphaMode": "alpha_mode",
         "clearcoat": "clearcoat",
         "clearcoatRoughness": "clearcoat_roughness",
         "transmission": "transmission",
@@ -116,7 +130,7 @@ _GLTF = SurfaceModel(
     color=(1.0, 1.0, 1.0),
     roughness=1.0,
     clearcoat_roughness=0.0,
-    unread=("iridescence", "sheen_roughness"),
+    unread=("iridescence", "sheen_roughness", "sheen_color", "thickness"),
 )
 MODELS = {
     "UsdPreviewSurface": PREVIEW,

@@ -200,6 +200,7 @@ def test_samples_that_are_all_alike_change_nothing(tmp_path):
             'def Camera "zoom" { float focusDistance.timeSamples = { 10: 1, 34: 6 } }',
             "focusDistance that changes with time is as at the start (first zoom)",
         ),
+        ('def Camera "bright" { float exposure = 2 }', "exposure of cameras is left out (first bright)"),
         ('def Camera "zoom" { float focalLength.timeSamples = { 10: 20, 34: 60 } }', "focalLength that changes"),
         (
             'def Camera "flat" { token projection = "orthographic"\nfloat horizontalApertureOffset = 5 }',

@@ -176,3 +176,63 @@ def test_a_material_of_its_own_hides_the_colours_of_a_mesh(tmp_path):
     world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, output="surface", extra=extra)
     assert made.color == (0.5, 0.5, 0.5) and world.meshes[0].colors is None
     assert load_world(usda(tmp_path, mesh(extra), name="bare.usda")).meshes[0].colors[0].tolist() == [1, 0, 0]
+
+
+STANDARD, OPEN_PBR, GLTF = (f"ND_{name}_surfaceshader" for name in ("standard_surface", "open_pbr_surface", "gltf_pbr"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "weight", "thin"),
+    [(STANDARD, "transmission", "thin_walled"), (OPEN_PBR, "transmission_weight", "geometry_thin_walled")],
+)
+def test_what_passes_light_has_a_colour_of_its_own(tmp_path, kind, weight, thin):
+    all_of_it = [f"float inputs:{weight} = 1", f"bool inputs:{thin} = 1"]
+    world, made = materials_of(tmp_path, kind, all_of_it)
+    assert made.color == (1, 1, 1) and not world.warnings
+    green = "color3f inputs:transmission_color = (0, 1, 0)"
+    world, made = materials_of(tmp_path, kind, [*all_of_it, green])
+    assert made.color == (0, 1, 0) and not world.warnings
+    world, made = materials_of(tmp_path, kind, [f"float inputs:{weight} = 0.5", green])
+    assert made.color == pytest.approx((0.8,) * 3) and world.warnings == (
+        "scene.usda: what passes light is a thin wall and does not refract (first M)",
+        "scene.usda: light that passes in part has the surface's own colour (first that of M)",
+    )
+
+
+@pytest.mark.parametrize("kind", [STANDARD, OPEN_PBR, GLTF])
+def test_specular_colours_tint(tmp_path, kind):
+    weight = "specular_weight" if kind == OPEN_PBR else "specular"
+    told = [f"float inputs:{weight} = 0.5", "color3f inputs:specular_color = (1, 0.5, 0)"]
+    world, made = materials_of(tmp_path, kind, told)
+    assert made.specular_color == pytest.approx((0.5, 0.25, 0)) and not world.warnings
+
+
+@pytest.mark.parametrize(
+    ("inputs", "mode", "cutoff"),
+    [
+        ([], "opaque", None),
+        (["int inputs:alpha_mode = 0"], "opaque", None),
+        (["int inputs:alpha_mode = 1"], "mask", 0.5),
+        (["int inputs:alpha_mode = 1", "float inputs:alpha_cutoff = 0.25"], "mask", 0.25),
+        (["int inputs:alpha_mode = 2", "float inputs:alpha_cutoff = 0.25"], "blend", None),
+    ],
+)
+def test_alpha_counts_as_the_mode_of_gltfs_surface_says(tmp_path, inputs, mode, cutoff):
+    _, made = materials_of(tmp_path, GLTF, ["float inputs:alpha = 0.3", *inputs])
+    assert made.alpha_mode == mode and (cutoff is None or made.alpha_cutoff == pytest.approx(cutoff))
+    assert made.opacity == pytest.approx(1 if mode == "opaque" else 0.3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        (GLTF, "color3f inputs:sheen_color = (1, 0, 0)"),
+        (GLTF, "float inputs:thickness = 1"),
+        (STANDARD, "float inputs:diffuse_roughness = 0.5"),
+        (OPEN_PBR, "float inputs:base_diffuse_roughness = 0.5"),
+    ],
+)
+def test_what_surfaces_lack_is_told(tmp_path, kind, told):
+    world, _ = materials_of(tmp_path, kind, [told])
+    name = told.split()[1].removeprefix("inputs:")
+    assert world.warnings == (f"scene.usda: {name} of materials is left out (first that of M)",)
