@@ -22,8 +22,8 @@ ROWS = (
         "surfaces, and MaterialX's standard surface, OpenPBR and glTF's, with pictures; colours that a mesh gives its"
         " material; cameras, orthographic ones too; lamps and domes; motion, skins",
         "single prims with a value that cannot be used; subdivision (the mesh gets smooth normals instead); curves, "
-        "volumes; of MaterialX: sheen, subsurface, thin films, anisotropy, refraction, all nodes but pictures and values, and "
-        "`.mtlx` files, which usd-core does not open; other materials; prims that appear or vanish; what else than "
+        "volumes; of MaterialX: sheen, subsurface, thin films, anisotropy, refraction, all nodes but pictures and "
+        "values, and `.mtlx` files, which usd-core does not open; other materials; prims that appear or vanish; what else than "
         "places, points and light changes with time; light filters, profiles and links; a second set of texture "
         "coordinates. Faces are visible from both sides, also where `doubleSided` is false",
     ),
