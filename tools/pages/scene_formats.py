@@ -23,9 +23,9 @@ ROWS = (
         " material; cameras, orthographic ones too; lamps and domes; motion, skins",
         "single prims with a value that cannot be used; subdivision (the mesh gets smooth normals instead); curves, "
         "volumes; of MaterialX: sheen, subsurface, thin films, anisotropy, refraction, all nodes but pictures and "
-        "values, and `.mtlx` files, which usd-core does not open; other materials; prims that appear or vanish; what else than "
-        "places, points and light changes with time; light filters, profiles and links; a second set of texture "
-        "coordinates. Faces are visible from both sides, also where `doubleSided` is false",
+        "values, and `.mtlx` files, which usd-core does not open; other materials; prims that appear or vanish; "
+        "what else than places, points and light changes with time; light filters, profiles and links; a second set "
+        "of texture coordinates. Faces are visible from both sides, also where `doubleSided` is false",
     ),
     (
         "Mitsuba (`.xml` of 0.6 to 3)",

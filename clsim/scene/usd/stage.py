@@ -217,6 +217,8 @@ class Stage:
             return None
         name = asset.path
         found = asset.resolvedPath
+        if not found and "<UDIM>" in name:
+            raise InputError(f"{name} is a picture in tiles (UDIM), expected a single one")
         if not found:
             # The resolver knows no address and nothing that is missing: this says which of both it is.
             folder = Path(attribute.GetPropertyStack(Usd.TimeCode(self.start))[0].layer.realPath or self.path).parent

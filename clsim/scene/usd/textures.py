@@ -35,6 +35,7 @@ PASSING = {"ND_normalmap": "in", "ND_constant_": "value", "ND_dot_": "in", "ND_c
 """Nodes of MaterialX that pass an input on, as far as clsim goes."""
 MOST_NODES = 8
 """How far a graph is followed; it may run in circles."""
+_PNG = b"\x89PNG\r\n\x1a\n"
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "a": 3}
 F64 = npt.NDArray[np.float64]
 
@@ -282,6 +283,10 @@ def _is_encoded(space: str, name: str, file: Path | bytes) -> bool:
         return space == "sRGB"
     from PIL import Image
 
+    with io.BytesIO(file) if isinstance(file, bytes) else file.open("rb") as data:
+        head = data.read(len(_PNG) + 17)
+    if head.startswith(_PNG) and head[24:25] == b"\x10":  # which Pillow rounds to 8 bits
+        return False
     with Image.open(io.BytesIO(file) if isinstance(file, bytes) else file) as image:
         return image.mode in ("RGB", "RGBA", "P", "CMYK", "YCbCr")
 

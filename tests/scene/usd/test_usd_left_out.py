@@ -1,5 +1,8 @@
 """What USD files ask for and clsim lacks is told, and what is written in rarer ways is read."""
 
+import struct
+import zlib
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -108,6 +111,20 @@ def test_a_picture_of_colours_may_be_multiplied_by_more_than_one(tmp_path):
     assert decode_srgb(texel.pixels[0, 0, :3] / 255) == pytest.approx(2 * 99 / 255, abs=0.005)
 
 
+@pytest.mark.parametrize(("space", "srgb"), [("auto", False), ("sRGB", True), ("raw", False)])
+def test_pictures_of_16_bits_are_light_unless_the_file_says_otherwise(tmp_path, space, srgb):
+    texture = TEXTURE % ("T", "R", f'token inputs:sourceColorSpace = "{space}"', "R", "st")
+    texture = texture.replace("t.png", "deep.png")
+    rows = b"".join(b"\0" + np.full((2, 3), 32768, ">u2").tobytes() for _ in range(2))
+    chunks = [(b"IHDR", struct.pack(">IIBBBBB", 2, 2, 16, 2, 0, 0, 0)), (b"IDAT", zlib.compress(rows)), (b"IEND", b"")]
+    parts = [
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
+    ]
+    (tmp_path / "deep.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
+    world = bound_world(tmp_path, "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>", texture, ST)
+    assert world.textures[0].srgb == srgb and world.textures[0].pixels[0, 0, 0] == 128
+
+
 def test_texture_coordinates_with_a_third_number(tmp_path):
     st = 'texCoord3f[] primvars:st = [(0, 0, 7), (1, 0, 7), (1, 1, 7), (0, 1, 7)] (\ninterpolation = "vertex")'
     texture = TEXTURE % ("T", "R", "", "R", "st")
@@ -152,6 +169,12 @@ def test_texture_coordinates_with_a_third_number(tmp_path):
             TEXTURE % ("T", "R", "", "R", "st") + "\n" + TEXTURE % ("T2", "R2", "", "R2", "other"),
             ST,
             "all textures of a mesh use the first of its texture coordinates",
+        ),
+        (
+            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
+            (TEXTURE % ("T", "R", "", "R", "st")).replace("t.png", "t.<UDIM>.png"),
+            ST,
+            "t.<UDIM>.png is a picture in tiles (UDIM), expected a single one",
         ),
         (
             "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
