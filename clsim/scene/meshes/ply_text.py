@@ -25,13 +25,13 @@ def without_concave(data: bytes) -> bytes:
         [words for words in head[start:stop] if words[:1] == ["property"]]
         for start, stop in zip(starts[:2], [*starts[1:], len(head)], strict=False)
     )
-    names, lists = [words[-1] for words in vertex], [words[1] == "list" for words in face]
+    names, lists = [words[-1] for words in vertex], [words[1:2] == ["list"] for words in face]
     count, many = (int(head[k][2]) for k in starts[:2])
     body = data.find(b"\n", end) + 1
     lines = data[body:].splitlines()
     faces = [line.split() for line in lines[count : count + many]]
     polygons = [k for k, words in enumerate(faces) if words and words[0].isdigit() and int(words[0]) > 3]
-    if not polygons or not {"x", "y", "z"} <= set(names) or not lists[0] or any(lists[1:]):
+    if not polygons or not {"x", "y", "z"} <= set(names) or lists[:1] != [True] or any(lists[1:]):
         return data
     counts = np.array([int(faces[k][0]) for k in polygons])
     corners = [faces[k][1 : 1 + size] for k, size in zip(polygons, counts.tolist(), strict=True)]

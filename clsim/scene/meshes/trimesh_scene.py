@@ -136,7 +136,10 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
             raise InputError(f"{path}: not all of its vertices have as many numbers, expected three of each")
         if len(geometry.vertices) < declared.get("vertex", 0) or len(geometry.faces) < declared.get("face", 0):
             raise InputError(f"{path}: ends before its {declared['vertex']} vertices and all faces: it is truncated")
-        found[str(name)] = geometry
+        if len(geometry.faces):
+            found[str(name)] = geometry
+        else:
+            notes.append(f"{path.name}: {name} has no triangles and is left out")
     if not found:
         if suffix == ".obj":
             checked_lines(path, data)
@@ -158,6 +161,8 @@ def _read(path: Path, data: bytes, suffix: str, resolver: FolderResolver, *, mat
     import trimesh
 
     files: Any = resolver  # trimesh needs no more of a resolver than get and []
+    log = trimesh.util.log  # it prints errors that are told here as warnings
+    silent, log.disabled = log.disabled, True
     options: dict[str, Any] = {"skip_materials": True} if suffix == ".obj" and not materials else {}
     try:
         with warnings.catch_warnings():
@@ -171,6 +176,8 @@ def _read(path: Path, data: bytes, suffix: str, resolver: FolderResolver, *, mat
             checked_lines(path, data)
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise InputError(f"{path}: cannot be read as {suffix[1:].upper()} ({reason})") from None
+    finally:
+        log.disabled = silent
     if resolver.refused:
         raise InputError(f"{path}: {resolver.refused[0]}")
     return scene

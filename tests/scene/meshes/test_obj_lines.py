@@ -172,3 +172,10 @@ def test_an_image_on_a_mesh_without_coordinates_is_told(tmp_path):
     assert len(told) == 1 and told[0].endswith("shows one colour: its mesh has no coordinates")
     flat = "vt 0 0\nusemtl m\nf 1/1 2/1 3/1\n"
     assert not load_parts(_written(tmp_path, "mtllib a.mtl\n" + LOW + flat)).warnings
+
+
+def test_a_material_on_no_triangle_is_left_out(tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 0 0\nnewmtl n\nKd 0 1 0\n")
+    world = load_world(_written(tmp_path, "mtllib a.mtl\n" + LOW + "usemtl m\nf 1 3\nusemtl n\nf 1 3 2\n"))
+    assert [each.color for each in world.materials] == [(0, 1, 0)]
+    assert [" and is left out" in told for told in world.warnings] == [True]

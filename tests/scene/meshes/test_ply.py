@@ -1,9 +1,11 @@
 """Binary PLY files whose faces have different numbers of corners, as Blender writes them."""
 
+import logging
 import struct
 
 import numpy as np
 import pytest
+import trimesh
 
 from clsim.errors import InputError
 from clsim.scene.meshes.ply import even_faces
@@ -111,4 +113,29 @@ def test_strips_are_refused_with_advice(tmp_path):
     head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
     (tmp_path / "a.ply").write_text(head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
     with pytest.raises(InputError, match="strips of triangles, expected faces: open it in MeshLab and save it anew"):
+        load_parts(tmp_path / "a.ply")
+
+
+def test_an_image_that_is_missing_is_told_once(tmp_path, capsys):
+    head = "ply\nformat ascii 1.0\ncomment TextureFile no.png\nelement vertex 3\nproperty float x\nproperty float y\n"
+    head += "property float z\nproperty float s\nproperty float t\nelement face 1\n"
+    head += "property list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(head + "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n")
+    logger = trimesh.util.log
+    handler = logging.StreamHandler()
+    logger.addHandler(handler)
+    try:
+        (told,) = load_parts(tmp_path / "a.ply").warnings
+    finally:
+        logger.removeHandler(handler)
+    assert "the image no.png cannot be read" in told and not capsys.readouterr().err and not logger.disabled
+
+
+@pytest.mark.parametrize("line", ["property", "property\x0cist uchar int vertex_indices", "propertylist"])
+def test_headers_that_are_damaged_are_told(tmp_path, line):
+    head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    (tmp_path / "a.ply").write_text(
+        f"{head}element face 1\n{line}\nend_header\n" + "".join(f"{x} {y} 0\n" for x, y in ARROW) + "4 0 1 2 3\n"
+    )
+    with pytest.raises(InputError, match=r"a\.ply: "):
         load_parts(tmp_path / "a.ply")
