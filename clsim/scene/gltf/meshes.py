@@ -103,7 +103,11 @@ def _read_primitive(
         return found
 
     positions = np.ascontiguousarray(values(attributes, "POSITION", "VEC3"), np.float32)
-    normals = _unit(values(attributes, "NORMAL", "VEC3"))
+    told = values(attributes, "NORMAL", "VEC3")
+    if told is not None and not told.any():
+        warn("a mesh whose normals are all 0 is rendered flat")
+        told = None
+    normals = _unit(told)
     material = materials.index(primitive.material)
     coordinates = values(attributes, f"TEXCOORD_{materials.texcoord(primitive.material)}", "VEC2")
     uvs = None

@@ -38,6 +38,14 @@ def test_specular_and_glossiness_reflect_as_told(tmp_path, textured):
     assert found.alpha == pytest.approx((1 - 0.9 * (0.2 if textured else 1)) ** 2)
 
 
+def test_normals_that_are_all_zero_are_none(tmp_path):
+    tree = gltf()
+    tree["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = add(tree, np.zeros((3, 3)))
+    world = load_gltf(write_gltf(tmp_path, tree))
+    assert world.meshes[0].normals is None
+    assert world.warnings == ("scene.gltf: a mesh whose normals are all 0 is rendered flat",)
+
+
 def test_nodes_that_are_not_visible_are_not_there_nor_what_they_hold(tmp_path):
     hidden = {"mesh": 0, "children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}}
     nodes = [{"mesh": 0, "name": "seen"}, hidden, {"mesh": 0}]
