@@ -10,7 +10,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.meshes.obj_plain import parsed
-from clsim.scene.meshes.polygons import triangulated
+from clsim.scene.meshes.polygons import cut_anew, triangulated
 
 _MISREAD = re.compile(rb"\n[ \t]*f(?=((?:[ \t]+[1-9][0-9/]*)*[ \t\r]*))\1(?!\n)")
 """A face of other words than numbers of vertices that count from 1, as those that count back from the line."""
@@ -68,10 +68,8 @@ def without_concave(data: bytes) -> bytes:
     if not np.isfinite(points).all() or indices.min() < 0 or indices.max() >= len(points):
         return data
     triangles, faces = triangulated(points, counts, indices)
-    first = np.cumsum(counts) - counts
     parts, end = [], 0
-    for face in np.unique(faces[triangles[:, 0] != first[faces]]).tolist():
-        cut = (triangles[faces == face] - first[face]).tolist()
+    for face, cut in cut_anew(triangles, faces, counts):
         lines = b"\n".join(b" ".join([b"f", *(corners[face][k] for k in triangle)]) for triangle in cut)
         parts += [data[end : polygons[face].start()], lines]
         end = polygons[face].end()

@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from clsim.scene.meshes.obj_plain import parsed
-from clsim.scene.meshes.polygons import triangulated
+from clsim.scene.meshes.polygons import cut_anew, triangulated
 
 
 def without_concave(data: bytes) -> bytes:
@@ -44,9 +44,7 @@ def without_concave(data: bytes) -> bytes:
     if not np.isfinite(points).all() or named.min() < 0 or named.max() >= count:
         return data
     triangles, of_polygon = triangulated(points, counts, named)
-    first = np.cumsum(counts) - counts
-    for number in np.unique(of_polygon[triangles[:, 0] != first[of_polygon]]).tolist():
-        cut = (triangles[of_polygon == number] - first[number]).tolist()
+    for number, cut in cut_anew(triangles, of_polygon, counts):
         tail = faces[polygons[number]][1 + len(corners[number]) :]
         written = [b" ".join([b"3", *(corners[number][k] for k in each), *tail]) for each in cut]
         lines[count + polygons[number]] = b"\n".join(written)

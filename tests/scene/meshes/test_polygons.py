@@ -1,11 +1,13 @@
 """Polygons as triangles."""
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clsim.scene.meshes.polygons import triangulated
+from clsim.scene.meshes.polygons import cut_anew, triangulated
 
 
 def areas(points, indices, corners):
@@ -53,3 +55,27 @@ def test_stars_of_any_form_keep_their_area_and_their_turn(radii, axes):
     assert (found @ normal >= -1e-9).all()
     assert np.isclose((found @ normal).sum(), np.linalg.norm(whole))
     assert len(corners) == len(radii) - 2
+
+
+def test_an_outline_that_crosses_itself_is_cut_within_a_moment():
+    """It has as many triangles as any other; by all ears that there may be it would take minutes."""
+    points = np.random.default_rng(0).uniform(0, 1, (2000, 3))
+    begun_s = time.process_time()
+    corners, _ = triangulated(points, np.array([2000]), np.arange(2000))
+    assert time.process_time() - begun_s < 20
+    assert len(corners) == 1998 and np.unique(corners).tolist() == list(range(2000))
+
+
+@pytest.mark.parametrize("size", [6, 30, 1024])
+def test_a_star_is_cut_within_its_outline_and_told_as_no_fan(size):
+    angles = 2 * np.pi * np.arange(size) / size
+    radii = np.where(np.arange(size) % 2, 1.0, 0.3)
+    star = np.stack([radii * np.cos(angles), radii * np.sin(angles), np.zeros(size)], axis=1)
+    points, counts = np.concatenate([star, [(0, 0, 1), (1, 0, 1), (1, 1, 1)]]), np.array([3, size, 3])
+    indices = np.array([size, size + 1, size + 2, *range(size), size, size + 1, size + 2])
+    triangles, faces = triangulated(points, counts, indices)
+    found = areas(points, indices, triangles[faces == 1])[:, 2]
+    assert (found >= 0).all()
+    assert found.sum() == pytest.approx(0.5 * size * 0.3 * np.sin(2 * np.pi / size), rel=1e-9)
+    [(face, cut)] = list(cut_anew(triangles, faces, counts))
+    assert face == 1 and (np.array(cut) + 3 == triangles[faces == 1]).all()
