@@ -69,7 +69,7 @@ def test_an_outline_that_crosses_itself_is_cut_within_a_moment():
 @pytest.mark.parametrize("size", [6, 30, 1024])
 def test_a_star_is_cut_within_its_outline_and_told_as_no_fan(size):
     angles = 2 * np.pi * np.arange(size) / size
-    radii = np.where(np.arange(size) % 2, 1.0, 0.3)
+    radii = np.where(np.arange(size) % 2, 0.3, 1.0)
     star = np.stack([radii * np.cos(angles), radii * np.sin(angles), np.zeros(size)], axis=1)
     points, counts = np.concatenate([star, [(0, 0, 1), (1, 0, 1), (1, 1, 1)]]), np.array([3, size, 3])
     indices = np.array([size, size + 1, size + 2, *range(size), size, size + 1, size + 2])
