@@ -88,7 +88,7 @@ def to_event_store(batch: EventBatch) -> dv_processing.EventStore:
     """Return a dv-processing EventStore; needs dv-processing.
 
     It takes no arrays, only single events, so the batch goes through an uncompressed AEDAT4 file in shared memory.
-    Raises InputError for coordinates beyond 32767.
+    Raises InputError for coordinates beyond 32766: faery writes sensors of less than 32768 pixels a side.
     """
     library = _need("dv_processing", "dv-processing")
     import faery
@@ -97,8 +97,8 @@ def to_event_store(batch: EventBatch) -> dv_processing.EventStore:
     if not len(batch):
         return store
     width, height = int(batch["x"].max()) + 1, int(batch["y"].max()) + 1
-    if max(width, height) > 2**15:
-        raise InputError(f"an event at {width - 1}, {height - 1} does not fit dv-processing, which ends at 32767")
+    if max(width, height) >= 2**15:
+        raise InputError(f"an event at {width - 1}, {height - 1} does not fit dv-processing, whose files end at 32766")
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         path = Path(folder) / "events.aedat4"

@@ -97,3 +97,13 @@ def test_a_missing_library_is_named(monkeypatch, convert, module):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=f"needs {module}; install it with: pip install {module}"):
         convert(EVENTS)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_event_store_holds_pixels_up_to_its_last(axis):
+    batch = EVENTS[:2].copy()
+    batch[axis] = 32766
+    assert np.array_equal(from_event_store(to_event_store(batch)), batch)
+    batch[axis] = 32767
+    with pytest.raises(InputError, match="32767"):
+        to_event_store(batch)
