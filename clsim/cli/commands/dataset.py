@@ -102,7 +102,8 @@ def dataset(
 def _first(warnings: Sequence[str]) -> list[str]:
     """Return the first warnings, and how many more there are: each of thousands of scenes may have its own."""
     more = len(warnings) - _TOLD
-    return [*warnings[:_TOLD], *([f"{more:,} more warnings are in the job.json of the sequences"] if more > 0 else [])]
+    are = "warning is" if more == 1 else "warnings are"
+    return [*warnings[:_TOLD], *([f"{more:,} more {are} in the job.json of the sequences"] if more > 0 else [])]
 
 
 class _bar:  # noqa: N801 - a context manager

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
+
+import pytest
 
 from clsim.datasets import engine, preview
 
@@ -81,3 +84,13 @@ def test_a_look_ahead_is_for_as_many_workers_as_are_asked_for(clsim, monkeypatch
     words = ("--dry-run", "--count", "7", "--workers", "2", "--json")
     assert json.loads(clsim("dataset", "flow", "--out", tmp_path / "set", *words).stdout)["sheet"] == "a.png"
     assert asked == [(7, tmp_path / "set", 2)]
+
+
+@pytest.mark.parametrize("count", range(9))
+def test_each_warning_is_printed_or_counted(clsim, monkeypatch, tmp_path, count):
+    done = engine.Progress(9, whole=9, warnings=[f"lamp {k} flickers" for k in range(count)])
+    monkeypatch.setattr(engine, "make", lambda *_, **__: done)
+    told = clsim("dataset", "flow", "--out", tmp_path / "set").stderr
+    more = re.findall(r"(\d+) more warnings? (?:is|are) in", told)
+    assert told.count("flickers") + sum(map(int, more)) == count
+    assert ("1 more warning is in" in told) == (more == ["1"])
