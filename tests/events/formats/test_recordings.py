@@ -308,3 +308,29 @@ def test_n_mnist_s_clock_goes_on_from_portion_to_portion(tmp_path: Path, monkeyp
     monkeypatch.setattr("clsim.events.formats.nmnist.CHUNK_EVENTS", 2)
     assert np.array_equal(open_source(tmp_path / "a.bin").read(), whole)
     assert whole["t"].tolist() == [k + (k // 3 << 13) for k in range(12) if k % 3 < 2]
+
+
+def test_dat_of_version_1_has_9_bits_of_x_8_of_y_and_one_of_polarity(tmp_path: Path) -> None:
+    """Any event of an ATIS, of 304 × 240 pixels: no bit of one number is taken for one of another."""
+    x, y = X % 304, Y % 240
+    words = np.stack([T, x | y << 9 | ON << 17], axis=1).astype("<u4")
+    (tmp_path / "a.dat").write_bytes(b"% Version 1\n" + bytes([0, 8]) + words.tobytes())
+    found = open_source(tmp_path / "a.dat").read()
+    assert np.array_equal(np.stack([found["t"], found["x"], found["y"], found["on"]]), np.stack([T, x, y, ON]))
+
+
+DAVIS_SIZES = {"128": (128, 128), "208": (208, 192), "240C": (240, 180), "346red": (346, 260), "640": (640, 480)}
+"""Of the chips of jAER's package ``eu.seebetter.ini.chips.davis``, in pixels."""
+
+
+@pytest.mark.parametrize("chip", DAVIS_SIZES)
+def test_all_pixels_of_each_davis_are_read(tmp_path: Path, chip: str) -> None:
+    width, height = DAVIS_SIZES[chip]
+    x, y = X % width, Y % height
+    x[:4], y[:4] = (0, width - 1, 0, width - 1), (0, 0, height - 1, height - 1)
+    address = (width - 1 - x) << 12 | (height - 1 - y) << 22 | ON << 11
+    (tmp_path / "a.aedat").write_bytes(aedat2(f"eu.seebetter.ini.chips.davis.Davis{chip}", address))
+    source = open_source(tmp_path / "a.aedat")
+    assert (source.width, source.height) == (width, height)
+    found = source.read()
+    assert np.array_equal(np.stack([found["x"], found["y"], found["on"]]), np.stack([x, y, ON]))

@@ -103,3 +103,9 @@ def test_source_addresses_refused(text: str, complaint: str) -> None:
     with pytest.raises(InputError) as raised:
         open_socket_source(text, timeout_s=5).close()
     assert complaint in str(raised.value)
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "udp"])
+@pytest.mark.parametrize("port", [0, 1, 1024, 65534, 65535])
+def test_every_port_that_there_is_can_be_named(scheme: str, port: int) -> None:
+    assert parse_address(f"{scheme}://127.0.0.1:{port}").port == port
