@@ -127,3 +127,14 @@ def test_only_the_scenes_seed_shares_out_what_is_held_out():
 
     assert seen() == seen(motion=7) == seen(sensor=7) == seen(noise=7)
     assert len({frozenset(seen(scene=seed)["train"]) for seed in range(4)}) > 1
+
+
+@given(st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=6), st.integers(0, 40), st.integers(0, 5))
+def test_held_out_values_are_shared_out_whatever_the_shares(weights, more, seed):
+    """Each part has one at least, however small it is and wherever it stands, and else about its share."""
+    parts = tuple((f"part {k}", weight / sum(weights)) for k, weight in enumerate(weights))
+    count = len(parts) + more
+    shares = shared_out(list(range(count)), parts, seed)
+    assert sorted(value for values in shares.values() for value in values) == list(range(count))
+    for name, share in parts:
+        assert len(shares[name]) >= 1 and abs(len(shares[name]) - share * count) <= len(parts)

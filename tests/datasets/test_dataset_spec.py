@@ -161,6 +161,8 @@ def test_files_lie_beside_the_specification(tmp_path, text):
         ("[reject]\nattempts = 0", "`attempts` must be at least 1"),
         ("[write]\nlayout = 'rosbag'", "`layout`"),
         ("[write]\nalso = ['../x.csv']", "write.also"),
+        ("[write]\nalso = ['job.json']", "write.also"),
+        ("[write]\nalso = ['events.csv', 'scene.toml']", "write.also"),
         ("[scene.camera]\nposition = { uniform = [1] }", "scene.camera.position: uniform"),
         ("count = ", "is no TOML"),
     ],
