@@ -310,3 +310,20 @@ def test_a_png_is_srgb_also_where_it_tells_of_a_video_s_curve(tmp_path: Path) ->
         place.mkdir()
         write_clip(place / "a.png", [np.zeros((4, 6, 3), np.uint8)], [0], pixels="rgb24", codec="png", trc=told)
         assert Pictures(place, Reading(fps=10.0)).transfer == expected
+
+
+@pytest.mark.parametrize("long", [(False, False), (True, False), (False, True), (True, True)])
+def test_boxes_tell_their_length_in_32_bits_or_in_64(tmp_path: Path, long: tuple[bool, bool]) -> None:
+    """ISO/IEC 14496-12: where the size is 1, the true one follows in 64 bits; films above 4 GB have such."""
+    boxes = []
+    for kind, wide, body in zip((b"mdat", b"moov"), long, (bytes(300), bytes(40)), strict=True):
+        length = len(body) + (16 if wide else 8)
+        head = (1).to_bytes(4, "big") + kind + length.to_bytes(8, "big") if wide else length.to_bytes(4, "big") + kind
+        boxes.append(head + body)
+    path = tmp_path / "a.mp4"
+    path.write_bytes(b"".join(boxes))
+    assert cut_end(str(path), "mov,mp4") is None
+    path.write_bytes(b"".join(boxes)[:-3])
+    assert cut_end(str(path), "mov,mp4") == f"lacks 3 of the {len(boxes[1])} bytes of its last box (moov)"
+    path.write_bytes(boxes[0][:-7])
+    assert cut_end(str(path), "mov,mp4") == f"lacks 7 of the {len(boxes[0])} bytes of its last box (mdat)"

@@ -168,3 +168,18 @@ def test_clips_that_do_not_tell_their_matrix_have_that_of_their_size(tmp_path, r
     planes = (flat(y, (rows, 16)), flat(cb, (rows // 2, 8)), flat(cr, (rows // 2, 8)))
     path = write_clip(tmp_path / "a.mkv", [planes], [0], pixels="yuv420p", limited=True)
     np.testing.assert_allclose(first(Video(path, Reading("as-is"))).mean(axis=(1, 2)), (1, 0, 0), atol=0.01)
+
+
+BT709, SRGB, PQ, HLG = "bt709", "srgb", "pq", "hlg"
+H273 = {
+    1: BT709, 2: None, 4: None, 5: None, 6: BT709, 7: BT709, 8: "linear", 9: None, 13: SRGB, 14: BT709, 15: BT709,
+    16: PQ, 18: HLG,
+}  # fmt: skip
+"""Transfer characteristics of ITU-T H.273: 1, 6, 14 and 15 are one function, and SMPTE 240M's is nearly that."""
+
+
+@pytest.mark.parametrize("told", H273)
+def test_a_streams_transfer_function_is_that_of_its_number(told):
+    frame = av.VideoFrame.from_ndarray(np.zeros((12, 16), np.uint8), format="yuv420p")
+    frame.color_trc = told
+    assert pixel_format(frame, "a").transfer == H273[told]
