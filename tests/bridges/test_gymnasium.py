@@ -171,3 +171,11 @@ def test_columns_are_alike_where_all_their_values_are() -> None:
     for other in ({"t": t}, {"t": t, "x": x + 1}, {"t": t, "y": x}, {"t": t[:2], "x": x[:2]}):
         assert known != Columns(other)
     assert known != {"t": t, "x": x} and known != 1
+
+
+@pytest.mark.parametrize(("form", "lowest"), [("voxels", -3.0), ("histogram", 0.0)])
+def test_the_space_ends_where_observations_do(form: str, lowest: float) -> None:
+    """Counts are never negative; polarities are. Networks scale what they see by these ends."""
+    space = wrapped(Noise(), form=form, bins=4, limit=3.0).observation_space["events"]  # type: ignore[arg-type,index]
+    assert (space.low == lowest).all() and (space.high == 3.0).all()
+    assert space.shape == (4 if form == "voxels" else 2, 4, 6) and space.dtype == np.float32
