@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from clsim.errors import InputError
@@ -76,3 +78,12 @@ def test_a_pose_lies_on_the_line_and_on_the_shortest_turn_between_keys():
     check((2.5, 3.0, 4.0, 9.0))
     motion.release()
     np.testing.assert_array_equal(motion.pose(3.0), matrix((7, 8, 9), TURN))
+
+
+@given(st.floats(1e-3, 1e3), st.integers(0, 2**32 - 1))
+@example(1.005, 0)
+@example(0.9999, 1)
+def test_a_place_keeps_any_scale_however_near_to_1(scale, seed):
+    """A thing that grows slowly must not wait until it has grown by a percent."""
+    pose = matrix((1, 2, 3), Rotation.random(random_state=seed), scale)
+    np.testing.assert_allclose(matrix_of(read_place("pose", pose)), pose, atol=2e-6 * scale)

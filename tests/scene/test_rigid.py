@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
@@ -73,3 +73,30 @@ def test_rotations_face_as_they_are() -> None:
         matrix[:3, :3] = 3.5 * turn
         np.testing.assert_allclose(facing(matrix)[:3, :3], turn, atol=1e-14)
         assert not mirrors(matrix) and mirrors(matrix @ np.diag((1, -1, 1, 1)))
+
+
+AXES = arrays(np.float64, 3, elements=st.floats(-10, 10)).filter(lambda axis: np.linalg.norm(axis) > 0.1)
+
+
+@given(AXES, AXES, st.sampled_from([0.0, 1.0, -2.5]))
+def test_what_has_no_upright_of_its_own_leans_as_its_right_does(
+    back: np.ndarray, right: np.ndarray, along: float
+) -> None:
+    """Its y axis is nothing, or lies along the axis that it faces along: then x tells which way up it is."""
+    assume(np.linalg.norm(np.cross(back, right)) > 0.1)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([right, along * back, back], axis=1)
+    turn = facing(matrix)[:3, :3]
+    assert turn[:, 2] @ back == pytest.approx(np.linalg.norm(back))
+    assert turn[:, 0] @ right > 0 and turn[:, 1] @ right == pytest.approx(0, abs=1e-9)
+
+
+@given(AXES, AXES)
+def test_what_is_squeezed_flat_along_its_axis_faces_across_the_other_two(right: np.ndarray, up: np.ndarray) -> None:
+    across = np.cross(right, up)
+    assume(np.linalg.norm(across) > 0.1)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([right, up, np.zeros(3)], axis=1)
+    turn = facing(matrix)[:3, :3]
+    np.testing.assert_allclose(turn[:, 2], across / np.linalg.norm(across), atol=1e-9)
+    np.testing.assert_allclose(turn[:, 1], up / np.linalg.norm(up), atol=1e-9)

@@ -146,3 +146,14 @@ def test_several_faults_are_told_together_but_not_without_end():
 
 def test_a_long_row_of_pixels_is_no_large_picture():
     validate(with_camera(width=16384, height=4), "scene")
+
+
+@pytest.mark.parametrize(("model", "widest"), [("perspective", 180.0), ("fisheye", 360.0)])
+def test_a_lens_sees_less_than_half_or_all_of_the_directions(model, widest):
+    """A pinhole's picture ends at 180°, a fisheye's at 360°."""
+    lens = Lens(model=model)
+    for fov_deg in (1e-3, 179.0, widest - 1e-3):
+        validate(with_camera(lens=lens, fov_deg=fov_deg), "scene")
+    for fov_deg in (0.0, widest, widest + 1.0):
+        with pytest.raises(InputError, match=f"expected more than 0 and less than {widest:g}"):
+            validate(with_camera(lens=lens, fov_deg=fov_deg), "scene")

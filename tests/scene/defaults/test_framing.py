@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clsim.scene.defaults.framing import bounds, orbiting_camera
+from clsim.scene.defaults.framing import bounds, lamp, orbiting_camera
 from clsim.scene.world import IDENTITY, Instance, Mesh
 
 
@@ -44,3 +44,15 @@ def test_the_box_around_what_changes_its_shape_holds_all_shapes():
     center, size = bounds(Path("a.glb"), [mesh], [Instance(0, IDENTITY)])
     np.testing.assert_allclose(center, (2, 4, 0))
     np.testing.assert_allclose(size, (4, 8, 0))
+
+
+@pytest.mark.parametrize("size", [(1, 1, 1), (8, 0.5, 1), (0.2, 5, 0.3), (0, 3, 0)])
+def test_the_lamp_hangs_to_the_upper_right_in_front_and_lights_every_side_that_the_first_frame_shows(size):
+    """As the camera sees it at the start: light comes over the right shoulder, and the lamp touches nothing."""
+    center, size = np.array((5.0, -2.0, 1.0)), np.array(size, float)
+    light = lamp(tuple(center.tolist()), size)
+    away = light.motion.pose(0.0)[:3, 3] - center
+    eye = orbiting_camera(tuple(center.tolist()), size).motion.pose(0.0)[:3, :3]
+    assert (eye.T @ away > 0).all()  # right, up, and towards the camera
+    assert np.linalg.norm(away) - light.radius_m > np.linalg.norm(size) / 2
+    assert (away > size / 2).all()  # so it is before the front, the top and the right side of the box

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clsim.scene import load_world
-from clsim.scene.light.spectra import METALS
+from clsim.scene.light.spectra import GLASSES, METALS
 
 pytestmark = pytest.mark.oracle
 mi = pytest.importorskip("mitsuba", reason="needs the [oracle] extra")
@@ -263,3 +263,12 @@ def test_metals_are_those_of_mitsuba(name):
     parameters = mi.traverse(mi.load_dict({"type": "conductor", "material": name}))
     for key, ours in zip(("eta.value", "k.value"), METALS[name], strict=True):
         np.testing.assert_allclose(ours, np.array(parameters[key]).ravel(), atol=1e-4)
+
+
+@pytest.mark.parametrize("name", sorted(GLASSES))
+def test_glasses_are_those_of_mitsuba(name):
+    """Inside and around: each name stands in both places."""
+    for key in ("int_ior", "ext_ior"):
+        glass = {"type": "dielectric", "int_ior": 1.0, "ext_ior": 1.0} | {key: name}
+        theirs = float(mi.traverse(mi.load_dict(glass))["eta"])
+        assert (theirs if key == "int_ior" else 1 / theirs) == pytest.approx(GLASSES[name], rel=1e-6)

@@ -323,3 +323,21 @@ def test_a_texture_may_tell_the_amount(tmp_path):
 def test_a_mix_of_nothing_is_refused(tmp_path, told, part):
     with pytest.raises(InputError, match=part):
         load(tmp_path, TWO + f'Material "mix" {told} {TRIANGLE}')
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_both_halves_of_a_flat_patch_face_as_it_does_and_cover_it(tmp_path, seed):
+    """A bilinear patch has its corners row by row, and faces along du × dv (pbrt's book, "Bilinear patches")."""
+    rng = np.random.default_rng(seed)
+    corner, u, v = rng.uniform(-1, 1, (3, 3))
+    points = np.array([corner, corner + u, corner + v, corner + u + v])
+    told = " ".join(f"{each:.9f}" for each in points.ravel())
+    uvs = "0 0  1 0  0 1  1 1"
+    world = load(tmp_path, f'Shape "bilinearmesh" "point3 P" [{told}] "point2 uv" [{uvs}]')
+    mesh = world.meshes[0]
+    area = np.zeros(3)
+    for a, b, c in mesh.vertices[mesh.triangles].astype(float):
+        np.testing.assert_allclose(np.cross(b - a, c - a), np.cross(u, v), atol=1e-5)
+        area += np.cross(b - a, c - a) / 2
+    np.testing.assert_allclose(area, np.cross(u, v), atol=1e-5)
+    np.testing.assert_allclose(corner + mesh.uvs @ np.array([u, v]), mesh.vertices, atol=1e-5)

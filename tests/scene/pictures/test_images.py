@@ -117,3 +117,13 @@ def test_a_tiff_has_its_light_whatever_its_numbers_are(tmp_path, kind, top):
     PIL.Image.fromarray((shares * top).astype(kind)).save(tmp_path / "a.tif")
     pixels = read_texture(tmp_path / "a.tif", PixelBudget())
     np.testing.assert_array_equal(pixels[..., 0], [[0, 51, 255]])
+
+
+@pytest.mark.parametrize("width", [1, 2, 7, 8, 9, 127, 128, 200, 254])
+def test_radiance_hdr_of_any_width_is_read(width):
+    """Rows of 8 pixels and more may be packed; narrower ones never are."""
+    pixels = np.random.default_rng(width).uniform(0.01, 50, (3, width, 3))
+    flat = decode_radiance_hdr("a.hdr", rgbe(pixels, packed=False), PixelBudget())
+    assert (np.abs(flat - pixels) <= pixels.max(axis=2, keepdims=True) / 128).all()
+    if width >= 8:
+        np.testing.assert_array_equal(decode_radiance_hdr("a.hdr", rgbe(pixels, packed=True), PixelBudget()), flat)
