@@ -18,6 +18,8 @@ from clsim.scene.world import ImageTexture, Material, Texture, Vec3, scaled
 
 Color = tuple[float, float, float]
 BLACK: Vec3 = (0.0, 0.0, 0.0)
+_AS_THE_THRESHOLD_SAYS, _OPAQUE, _CUT, _BLENDED = -1.0, 0.0, 1.0, 2.0
+"""What becomes of opacity; but for the first, the numbers of glTF's ``alpha_mode`` in MaterialX."""
 
 
 class MaterialReader:
@@ -120,7 +122,8 @@ class MaterialReader:
                 ("ior", model.ior),
                 ("clearcoat", 0.0),
                 ("clearcoatRoughness", model.clearcoat_roughness),
-                ("opacityThreshold", 0.0),
+                ("opacityThreshold", model.cutoff),
+                ("alphaMode", _OPAQUE if "alphaMode" in model.names else _AS_THE_THRESHOLD_SAYS),
                 ("transmission", 0.0),
                 ("baseWeight", 1.0),
                 ("specularWeight", 1.0),
@@ -160,14 +163,7 @@ class MaterialReader:
             material = self._specular(material, told["specularColor"])
             told["metallic"] = Told(0.0)
         glowing = self._glowing(material, told["emissiveColor"], surface, model)
-        rough = self._rough(glowing, told, model.roughness)
-        mode = None if "alphaMode" not in model.names else int(self._told(surface, model, "alphaMode").number(0.0))
-        if mode == 0:
-            return rough
-        if mode is not None:  # of glTF's surface: 1 masks, 2 blends
-            cutoff = self._told(surface, model, "opacityThreshold").number(0.5)
-            numbers["opacityThreshold"] = max(cutoff, 1e-6) if mode == 1 else 0.0
-        return self._opaque(rough, told, numbers)
+        return self._opaque(self._rough(glowing, told, model), told, numbers)
 
     def _told(self, surface: Any, model: SurfaceModel, key: str) -> Told:
         name = model.names.get(key)
@@ -239,10 +235,10 @@ class MaterialReader:
         emission, change = brightest(self._stage, colors, repeat=self._repeat)
         return replace(material, emission=emission, modulation=change)
 
-    def _rough(self, material: Material, told: dict[str, Told], default: float) -> Material:
+    def _rough(self, material: Material, told: dict[str, Told], model: SurfaceModel) -> Material:
         """Return it with roughness and metalness, of which either may be a picture: both share one of ours."""
         rough, metal = told["roughness"], told["metallic"]
-        roughness, metallic = _share(rough.number(default)), _share(metal.number(0.0))
+        roughness, metallic = _share(rough.number(model.roughness)), _share(metal.number(model.metallic))
         source = rough if rough.image is not None else metal
         if source.image is None:
             return replace(material, alpha=roughness**2, metallic=metallic)
@@ -265,6 +261,10 @@ class MaterialReader:
 
     def _opaque(self, material: Material, told: dict[str, Told], numbers: dict[str, float]) -> Material:
         opacity, threshold = told["opacity"], numbers["opacityThreshold"]
+        way = numbers["alphaMode"]
+        if way == _OPAQUE or (way == _CUT and threshold <= 0):
+            return material
+        threshold = 0.0 if way == _BLENDED else threshold
         share, texture = _share(opacity.number(1.0)), -1
         if opacity.image is not None:
             image = opacity.image

@@ -25,20 +25,24 @@ class SurfaceModel:
     Attributes:
         names: its names of inputs, by those of UsdPreviewSurface and those that only others have: ``transmission``,
             ``baseWeight``, ``specularWeight``, ``specularTint``, ``emissionWeight``, ``transmissionColor``,
-            ``thinWalled``, ``alphaMode``, and ``coatColor``, which tints what lies below the coat.
-        color, roughness: what these inputs are where the file tells nothing.
+            ``thinWalled``, ``coatColor``, which tints what lies below the coat, and ``alphaMode``, which is 0 for
+            opaque surfaces, 1 for cut and 2 for blended ones.
+        color, metallic, roughness: what these inputs are where the file tells nothing.
         ior, clearcoat_roughness, emission: likewise; ``emission`` is the weight of what it sends out.
+        cutoff: likewise, the opacity below which surfaces are cut.
         unread: numbers and colours that clsim cannot show, which are 0 where they are not used.
         nits: whether light is told in cd/m².
     """
 
     names: dict[str, str]
     color: Vec3 = (0.18, 0.18, 0.18)
+    metallic: float = 0.0
     roughness: float = 0.5
     ior: float = 1.5
     clearcoat_roughness: float = 0.01
     emission: float = 1.0
     emissive: Vec3 = (0.0, 0.0, 0.0)
+    cutoff: float = 0.0
     unread: tuple[str, ...] = field(default=())
     nits: bool = False
 
@@ -117,20 +121,22 @@ _GLTF = SurfaceModel(
         "ior": "ior",
         "specularWeight": "specular",
         "specularTint": "specular_color",
-        "alphaMode": "alpha_mode",
         "clearcoat": "clearcoat",
         "clearcoatRoughness": "clearcoat_roughness",
         "transmission": "transmission",
         "emissiveColor": "emissive",
         "emissionWeight": "emissive_strength",
         "opacity": "alpha",
+        "alphaMode": "alpha_mode",
         "opacityThreshold": "alpha_cutoff",
         "normal": "normal",
     },
     color=(1.0, 1.0, 1.0),
+    metallic=1.0,
     roughness=1.0,
     clearcoat_roughness=0.0,
-    unread=("iridescence", "sheen_roughness", "sheen_color", "thickness"),
+    cutoff=0.5,
+    unread=("iridescence", "sheen_color", "thickness"),
 )
 MODELS = {
     "UsdPreviewSurface": PREVIEW,

@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from clsim.scene import load_world
+from clsim.scene.usd.surfaces import MODELS
 from tests.scene.usd.usd_files import mesh, usda
 
 
@@ -199,35 +200,9 @@ def test_what_passes_light_has_a_colour_of_its_own(tmp_path, kind, weight, thin)
     )
 
 
-@pytest.mark.parametrize("kind", [STANDARD, OPEN_PBR, GLTF])
-def test_specular_colours_tint(tmp_path, kind):
-    weight = "specular_weight" if kind == OPEN_PBR else "specular"
-    told = [f"float inputs:{weight} = 0.5", "color3f inputs:specular_color = (1, 0.5, 0)"]
-    world, made = materials_of(tmp_path, kind, told)
-    assert made.specular_color == pytest.approx((0.5, 0.25, 0)) and not world.warnings
-
-
-@pytest.mark.parametrize(
-    ("inputs", "mode", "cutoff"),
-    [
-        ([], "opaque", None),
-        (["int inputs:alpha_mode = 0"], "opaque", None),
-        (["int inputs:alpha_mode = 1"], "mask", 0.5),
-        (["int inputs:alpha_mode = 1", "float inputs:alpha_cutoff = 0.25"], "mask", 0.25),
-        (["int inputs:alpha_mode = 2", "float inputs:alpha_cutoff = 0.25"], "blend", None),
-    ],
-)
-def test_alpha_counts_as_the_mode_of_gltfs_surface_says(tmp_path, inputs, mode, cutoff):
-    _, made = materials_of(tmp_path, GLTF, ["float inputs:alpha = 0.3", *inputs])
-    assert made.alpha_mode == mode and (cutoff is None or made.alpha_cutoff == pytest.approx(cutoff))
-    assert made.opacity == pytest.approx(1 if mode == "opaque" else 0.3)
-
-
 @pytest.mark.parametrize(
     ("kind", "told"),
     [
-        (GLTF, "color3f inputs:sheen_color = (1, 0, 0)"),
-        (GLTF, "float inputs:thickness = 1"),
         (STANDARD, "float inputs:diffuse_roughness = 0.5"),
         (OPEN_PBR, "float inputs:base_diffuse_roughness = 0.5"),
     ],
@@ -236,3 +211,131 @@ def test_what_surfaces_lack_is_told(tmp_path, kind, told):
     world, _ = materials_of(tmp_path, kind, [told])
     name = told.split()[1].removeprefix("inputs:")
     assert world.warnings == (f"scene.usda: {name} of materials is left out (first that of M)",)
+
+
+@pytest.mark.parametrize(
+    ("mode", "encoded"),
+    [("RGB", True), ("RGBA", True), ("P", True), ("L", False), ("LA", False), ("1", False), ("I;16", False)],
+)
+def test_pictures_of_8_bits_with_colours_have_srgbs_curve_unless_told(tmp_path, mode, encoded):
+    """UsdUVTexture's sourceColorSpace, "auto": 8 bits of three or four channels are sRGB; a palette has three."""
+    if mode == "I;16":
+        Image.fromarray(np.array([[0, 65535], [32768, 257]], np.uint16)).save(tmp_path / "a.png")
+    else:
+        Image.new("RGB", (2, 2), (90, 90, 90)).convert(mode).save(tmp_path / "a.png")
+    nodes = """def Shader "P" {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @a.png@
+        float3 outputs:rgb }"""
+    inputs = ["color3f inputs:diffuseColor.connect = </M/P.outputs:rgb>"]
+    world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, nodes=nodes, output="surface")
+    assert world.textures[made.texture].srgb == encoded
+
+
+NORMAL_MAP = """def Shader "N" {
+        uniform token info:id = "ND_image_vector3"
+        asset inputs:file = @a.png@
+        float3 outputs:out }"""
+SPECIFIED = {
+    "UsdPreviewSurface": "diffuseColor emissiveColor specularColor metallic roughness opacity normal "
+    "useSpecularWorkflow ior clearcoat clearcoatRoughness opacityThreshold",
+    "ND_standard_surface_surfaceshader": "base base_color metalness specular specular_color specular_roughness "
+    "specular_IOR transmission transmission_color thin_walled coat coat_color coat_roughness emission emission_color "
+    "opacity normal",
+    "ND_open_pbr_surface_surfaceshader": "base_weight base_color base_metalness specular_weight specular_color "
+    "specular_roughness specular_ior transmission_weight transmission_color geometry_thin_walled coat_weight "
+    "coat_color coat_roughness emission_luminance emission_color geometry_opacity geometry_normal",
+    "ND_gltf_pbr_surfaceshader": "base_color metallic roughness normal transmission specular specular_color ior alpha "
+    "alpha_mode alpha_cutoff clearcoat clearcoat_roughness emissive emissive_strength",
+}
+"""The inputs of each specification that clsim shows."""
+SHOWN_WITH = {
+    "specularColor": ["int inputs:useSpecularWorkflow = 1"],
+    "opacityThreshold": ["float inputs:opacity = 0.5"],
+    "clearcoatRoughness": ["float inputs:clearcoat = 0.5"],
+    "clearcoat_roughness": ["float inputs:clearcoat = 0.5"],
+    "coat_roughness": ["float inputs:coat = 0.5", "float inputs:coat_weight = 0.5"],
+    "coat_color": ["float inputs:coat = 0.5", "float inputs:coat_weight = 0.5"],
+    "transmission_color": [
+        *("float inputs:transmission = 1", "float inputs:transmission_weight = 1"),
+        *("bool inputs:thin_walled = 1", "bool inputs:geometry_thin_walled = 1"),
+    ],
+    "emission_color": ["float inputs:emission = 2", "float inputs:emission_luminance = 2000"],
+    "emissive_strength": ["color3f inputs:emissive = (0.1, 0.2, 0.3)"],
+    "alpha": ["int inputs:alpha_mode = 2"],
+    "alpha_mode": ["float inputs:alpha = 0.5"],
+    "alpha_cutoff": ["float inputs:alpha = 0.5", "int inputs:alpha_mode = 1"],
+}
+"""What must have a value for an input to show."""
+
+
+def authored(kind, name):
+    """An input with a value that is not its default."""
+    if name.endswith("normal"):
+        return f"float3 inputs:{name}.connect = </M/N.outputs:out>"
+    if name.endswith(("olor", "emissive")) or (name == "opacity" and "standard" in kind):
+        return f"color3f inputs:{name} = (0.3, 0.6, 0.2)"
+    if name in ("useSpecularWorkflow", "alpha_mode"):
+        return f"int inputs:{name} = 1"
+    return f"float inputs:{name} = {2.2 if name.lower().endswith('ior') else 0.37}"
+
+
+SHOWN = [
+    (kind, name)
+    for kind, told in SPECIFIED.items()
+    for name in told.split()
+    if not name.endswith("thin_walled")  # it says how light passes: clsim's surfaces of such materials are thin always
+]
+
+
+@pytest.mark.parametrize(("kind", "name"), SHOWN)
+def test_each_input_of_each_kind_of_surface_changes_the_material(tmp_path, kind, name):
+    Image.fromarray(np.full((2, 2, 3), 90, np.uint8)).save(tmp_path / "a.png")
+    before = SHOWN_WITH.get(name, [])
+    _, plain = materials_of(tmp_path, kind, before)
+    world, made = materials_of(tmp_path, kind, [*before, authored(kind, name)], nodes=NORMAL_MAP)
+    assert made != plain and not any(f"{name} of" in text for text in world.warnings)
+
+
+@pytest.mark.parametrize("kind", SPECIFIED)
+def test_no_input_is_read_that_a_specification_has_not(kind):
+    assert set(MODELS[kind].names.values()) == set(SPECIFIED[kind].split())
+
+
+@pytest.mark.parametrize("name", ["iridescence", "sheen_color", "thickness"])
+def test_what_is_left_out_of_gltfs_surface_is_told(tmp_path, name):
+    world, _ = materials_of(tmp_path, "ND_gltf_pbr_surfaceshader", [authored("", name)])
+    assert any(f"{name} of materials is left out" in text for text in world.warnings)
+
+
+@pytest.mark.parametrize(
+    ("mode", "cutoff", "seen"),
+    [
+        ("", "", ("opaque", 1.0)),
+        ("int inputs:alpha_mode = 0", "float inputs:alpha_cutoff = 0.2", ("opaque", 1.0)),
+        ("int inputs:alpha_mode = 1", "", ("mask", 0.5)),
+        ("int inputs:alpha_mode = 1", "float inputs:alpha_cutoff = 0.2", ("mask", 0.2)),
+        ("int inputs:alpha_mode = 1", "float inputs:alpha_cutoff = 0", ("opaque", 1.0)),
+        ("int inputs:alpha_mode = 2", "float inputs:alpha_cutoff = 0.2", ("blend", 0.3)),
+    ],
+)
+def test_the_mode_of_gltfs_surface_says_what_becomes_of_its_alpha(tmp_path, mode, cutoff, seen):
+    """MaterialX, ``gltf_pbr``: 0 is opaque, and the default; 1 cuts where alpha is less than the cut-off; 2 blends."""
+    inputs = ["float inputs:alpha = 0.3", *filter(None, (mode, cutoff))]
+    _, made = materials_of(tmp_path, "ND_gltf_pbr_surfaceshader", inputs)
+    shown = {"opaque": made.opacity, "mask": made.alpha_cutoff, "blend": made.opacity}
+    assert (made.alpha_mode, shown[made.alpha_mode]) == (seen[0], pytest.approx(seen[1]))
+
+
+@pytest.mark.parametrize("kind", ["ND_standard_surface_surfaceshader", "ND_gltf_pbr_surfaceshader"])
+def test_a_reflection_has_its_colour_times_its_weight(tmp_path, kind):
+    inputs = ["float inputs:specular = 0.5", "color3f inputs:specular_color = (1, 0.6, 0.2)"]
+    _, made = materials_of(tmp_path, kind, inputs)
+    assert made.specular_color == pytest.approx((0.5, 0.3, 0.1))
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_surfaces_are_no_metal_unless_told_but_for_gltfs(tmp_path, kind):
+    """MaterialX, ``gltf_pbr``: as in glTF, metallic is 1 by default."""
+    _, made = materials_of(tmp_path, kind, [])
+    assert made.metallic == (1.0 if "gltf" in kind else 0.0)
