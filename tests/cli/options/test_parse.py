@@ -1,5 +1,9 @@
+from collections.abc import Callable
+
 import pytest
 
+from clsim.cli.commands.bench_tradeoff import parse_seeds
+from clsim.cli.commands.detect import _features
 from clsim.cli.options import parse
 from clsim.errors import InputError
 
@@ -45,3 +49,19 @@ def test_several_windows_are_each_taken_once_and_the_smallest_first() -> None:
     for text in ("0.4us", "1ms,0.4us"):
         with pytest.raises(InputError, match="--within must be times of at least 1us"):
             parse.windows_us(text, "--within")
+
+
+@pytest.mark.parametrize(
+    ("read", "text"),
+    [
+        (parse.threshold, "0.2,0.25"),
+        (parse.names, "depth,flow"),
+        (parse_seeds, "0,1,2"),
+        (_features, "Depth,Nx"),
+        (lambda text: parse.windows_us(text, "--within"), "1ms,3ms"),
+        (lambda text: parse.numbers(text, "--lux"), "0.5,2,10"),
+    ],
+)
+def test_spaces_in_a_list_change_nothing(read: Callable[[str], object], text: str) -> None:
+    """As people write lists: behind a comma, before it, or around the whole."""
+    assert read(text.replace(",", ", ")) == read(text.replace(",", " , ")) == read(f" {text} ") == read(text)

@@ -190,3 +190,37 @@ def test_a_second_set_of_joints_pulls_as_the_first_does(tmp_path):
     tree["skins"] = [{"joints": [1, 2]}]
     mesh = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
     np.testing.assert_allclose(mesh.vertices, np.add(CORNERS, (0, 0, 4)), atol=1e-6)
+
+
+@pytest.mark.parametrize("mirror", [(-1, 1, 1), (1, -1, 1), (-1, -1, -1)])
+@pytest.mark.parametrize("skinned", [False, True])
+def test_what_a_node_mirrors_is_the_mirror_image_at_all_times(tmp_path, mirror, skinned):
+    """Corners, the normals that morph targets turn, and which side is the front."""
+
+    def shown(scale):
+        nodes = [{"mesh": 0, "scale": scale}]
+        if skinned:
+            nodes = [{"mesh": 0, "skin": 0}, {"scale": scale}]
+        tree = with_camera(gltf(nodes=nodes))
+        tree["scenes"][0]["nodes"] = list(range(len(tree["nodes"])))
+        target = {"POSITION": add(tree, [(0, 0, 1), (0, 0, 0), (0, 1, 0)]), "NORMAL": add(tree, [(0.4, 0.2, 0)] * 3)}
+        attributes = {"POSITION": 0, "NORMAL": add(tree, [(0, 0, 1)] * 3)}
+        if skinned:
+            attributes |= {"JOINTS_0": add(tree, [(0,) * 4] * 3, "u1"), "WEIGHTS_0": add(tree, [(1, 0, 0, 0)] * 3)}
+            tree["skins"] = [{"joints": [1]}]
+        tree["meshes"] = [{"primitives": [{"attributes": attributes, "targets": [target]}]}]
+        animate(tree, (0, "weights", [0, 2], [0, 1], "LINEAR"))
+        world = load_gltf(write_gltf(tmp_path, tree))
+        mesh, motion = world.meshes[0], world.instances[0].motion
+        for time_s in (0.0, 0.7, 2.0):
+            pose = motion.pose(time_s)
+            vertices, normals = mesh.deformation.vertices_at(time_s)
+            a, b, c = vertices[mesh.triangles[0]] @ pose[:3, :3].T
+            yield vertices @ pose[:3, :3].T + pose[:3, 3], normals @ pose[:3, :3].T, np.cross(b - a, c - a)
+
+    for (corners, normals, front), (seen, seen_normals, seen_front) in zip(
+        shown((1, 1, 1)), shown(mirror), strict=True
+    ):
+        np.testing.assert_allclose(seen, corners * mirror, atol=1e-6)
+        np.testing.assert_allclose(seen_normals, normals * mirror, atol=1e-6)
+        np.testing.assert_allclose(seen_front, front * mirror, atol=1e-6)
