@@ -103,6 +103,26 @@ def test_metals_and_roughness_are_those_of_gltf(tmp_path: Path, metallic: float,
     assert ours.kind == theirs.kind == "principled"
 
 
+@pytest.mark.parametrize(
+    ("told", "seen"),
+    [
+        ("", ("diffuse", 0.0, None)),
+        ('metallic=".4"', ("principled", 0.4, 1.0)),
+        ('roughness=".3"', ("principled", 0.0, 0.09)),
+        ('metallic="-1" roughness="-1"', ("diffuse", 0.0, None)),
+        ('metallic="1" roughness="0"', ("principled", 1.0, 0.0)),
+    ],
+)
+def test_of_metal_and_roughness_either_may_be_told_alone(
+    tmp_path: Path, told: str, seen: tuple[str, float, float | None]
+) -> None:
+    """Below 0 is not told: no metal, and as rough as can be."""
+    found, _ = material(tmp_path, told)
+    kind, metallic, alpha = seen
+    assert (found.kind, found.metallic) == (kind, pytest.approx(metallic))
+    assert alpha is None or found.alpha == pytest.approx(alpha)
+
+
 def test_colours_are_of_the_geom_else_of_its_material_and_emission_is_a_share_of_them(tmp_path: Path) -> None:
     (own, _), (shared, _), (lit, _) = (
         material(tmp_path, 'rgba=".2 .4 .6 1"', 'rgba=".7 .5 .1 .25"'),

@@ -79,3 +79,19 @@ def test_a_byte_order_mark_before_the_first_time_is_passed_over(tmp_path):
 def test_a_number_needs_digits_on_one_side_of_its_point_alone(tmp_path, text, us):
     (tmp_path / "a.txt").write_text(f"{text}\n")
     assert read_times_us(tmp_path / "a.txt", "s") == [us]
+
+
+@pytest.mark.parametrize("text", ["-5", "-0.25", "-1e-3", "-5\n-4", "-1\n0\n1"])
+@pytest.mark.parametrize("unit", _UNITS)
+def test_times_before_0_are_refused_as_what_they_are(tmp_path, text, unit):
+    """In text and in arrays alike; what rounds to 0 is 0."""
+    (tmp_path / "a.txt").write_text(text)
+    numbers = [Fraction(line) for line in text.splitlines()]
+    np.save(tmp_path / "a.npy", np.array([float(number) for number in numbers]))
+    first = round(numbers[0] * _UNITS[unit])
+    for name in ("a.txt", "a.npy"):
+        if first == 0 and len(numbers) == 1:
+            assert read_times_us(tmp_path / name, unit) == [0]
+            continue
+        with pytest.raises(InputError, match=f"the first time is {first} µs|expected later than"):
+            read_times_us(tmp_path / name, unit)

@@ -334,3 +334,19 @@ def test_all_pixels_of_each_davis_are_read(tmp_path: Path, chip: str) -> None:
     assert (source.width, source.height) == (width, height)
     found = source.read()
     assert np.array_equal(np.stack([found["x"], found["y"], found["on"]]), np.stack([x, y, ON]))
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_special_events_of_an_old_dvs128_are_no_changes_and_leave_it_known(tmp_path: Path, version: str) -> None:
+    """Files from before jAER told the chip: its 16 bits of address, of which the highest marks special events."""
+    x, y = X % 128, Y % 128
+    address = (127 - x) << 1 | (127 - y) << 8 | (1 - ON)
+    special = np.arange(len(T)) % 7 == 3
+    records = np.zeros(len(T), [("address", ">u2" if version == "1.0" else ">u4"), ("t", ">u4")])
+    records["address"], records["t"] = np.where(special, address | 0x8000, address), T
+    (tmp_path / "a.aedat").write_bytes(f"#!AER-DAT{version}\r\n# of 2008\r\n".encode() + records.tobytes())
+    source = open_source(tmp_path / "a.aedat")
+    assert (source.width, source.height) == (128, 128)
+    found = source.read()
+    expected = np.stack([T, x, y, ON])[:, ~special]
+    assert np.array_equal(np.stack([found["t"], found["x"], found["y"], found["on"]]), expected)
