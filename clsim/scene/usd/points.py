@@ -27,7 +27,8 @@ def read_points(stage: Stage, prim: Any, materials: MaterialReader, warn: Callab
     """
     source, name = UsdGeom.Points(prim), prim.GetName()
     points = np.array(stage.value(source.GetPointsAttr()) or [], np.float64).reshape(-1, 3)
-    points = points[np.isfinite(points).all(axis=1)]
+    there = np.isfinite(points).all(axis=1)
+    told, points = len(points), points[there]
     if not len(points):
         return None
     if len(points) > MOST_POINTS:
@@ -35,10 +36,12 @@ def read_points(stage: Stage, prim: Any, materials: MaterialReader, warn: Callab
     if stage.times(source.GetPointsAttr()):
         warn(f"points that move stand as at the start (first {name})")
     widths = np.array(stage.still(source.GetWidthsAttr()) or [], np.float64).ravel()
+    widths = widths[there] if len(widths) == told else widths
     if len(widths) not in (1, len(points)) or not np.isfinite(widths).all():
         widths = np.array([_WIDTH_SHARE * float(np.ptp(points, axis=0).max() or 1.0) / len(points) ** (1 / 3)])
         warn(f"points of {name} tell no widths: they are {widths[0]:.3g} wide")
     colors = np.array(stage.still(source.GetDisplayColorAttr()) or [], np.float64).reshape(-1, 3)
+    colors = colors[there] if len(colors) == told else colors
     one = tuple(np.clip(colors[0], 0.0, 1.0).tolist()) if len(colors) == 1 else None
     several = materials.color_name(prim) == "displayColor" and len(colors) == len(points) > 1
     material = materials.index(prim, (1.0, 1.0, 1.0) if several else one)

@@ -267,6 +267,20 @@ def test_points_that_are_nowhere_are_left_out(tmp_path):
     assert (dust.vertices.min(axis=0)[0], dust.vertices.max(axis=0)[0]) == pytest.approx((-0.25, 1.25))
 
 
+def test_points_beside_one_that_is_nowhere_keep_their_own_widths_and_colours(tmp_path):
+    points = """def Points "dust" {
+        point3f[] points = [(0, 0, 0), (nan, 0, 0), (5, 0, 0)]
+        float[] widths = [0.5, 7, 1.5]
+        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1)] (interpolation = "vertex") }"""
+    world = world_of(tmp_path, points)
+    (dust,) = world.meshes
+    first, second = np.split(dust.vertices, 2)
+    assert (first[:, 0].min(), first[:, 0].max()) == pytest.approx((-0.25, 0.25))
+    assert (second[:, 0].min(), second[:, 0].max()) == pytest.approx((4.25, 5.75))
+    np.testing.assert_array_equal(dust.colors[:: len(first)], [(1, 0, 0), (0, 0, 1)])
+    assert not world.warnings
+
+
 def test_a_shifted_aperture_shifts_the_optical_axis_by_its_share_of_the_width(tmp_path):
     shifted = """def Camera "shifted" { float horizontalAperture = 20\n float verticalAperture = 10
         float horizontalApertureOffset = 2\n float verticalApertureOffset = 3 }"""
