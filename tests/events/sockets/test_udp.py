@@ -320,3 +320,10 @@ def test_events_without_times_are_counted_from_the_start_of_listening() -> None:
         send(source.port, "spif", make_events(10))
         times_us = next(source)["t"]
         assert ((times_us >= 50_000) & (times_us <= (time.monotonic() - begun_s) * 1e6)).all()
+
+
+def test_after_a_long_silence_datagrams_may_overtake_each_other() -> None:
+    """What lies far ahead is believed once another one is there as well, a little earlier or later."""
+    for other_us in (20_000_000, 19_999_000, 20_001_000):
+        times, source = received([t64(1), t64(2), t64(20_000_000), t64(other_us)], "t64", wait_s=0.1)
+        assert times == [1, 2, *sorted([20_000_000, other_us])] and source.dropped_events == 0
