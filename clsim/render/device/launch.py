@@ -64,7 +64,7 @@ class Threads:
         self._cancelled.set()
 
     def each(self, work: Callable[[Any], None], of: list[Any]) -> None:
-        """Do some work of at least one, each by another thread, and wait until all is done.
+        """Do some work with each of a list, by as many threads, and wait until all is done.
 
         Raises:
             clsim.Error: this process was forked since the threads were started.
@@ -119,7 +119,8 @@ class Tiles:
         self._offset = offset
         self._count = count if threads.on_cpu else None
         self._threads = threads
-        self._launches = [make_launch(self.size) for _ in range(min(threads.count, most))]
+        most_tiles = -(-most // min(self.size, _LEAST_TILE))
+        self._launches = [make_launch(self.size) for _ in range(min(threads.count, most_tiles))]
         self._places = {each.label: place for place, each in enumerate(self._launches[0].kernel.adj.args)}
 
     def run(self, end: int, changed: dict[str, Any], begin: int = 0) -> bool:
