@@ -183,3 +183,24 @@ def test_a_streams_transfer_function_is_that_of_its_number(told):
     frame = av.VideoFrame.from_ndarray(np.zeros((12, 16), np.uint8), format="yuv420p")
     frame.color_trc = told
     assert pixel_format(frame, "a").transfer == H273[told]
+
+
+def test_a_frame_is_read_alike_however_often():
+    """Several threads of libav's get one of some thousand frames of P010 wrong."""
+    asked = []
+
+    class Noting:
+        def __init__(self, frame):
+            self._frame = frame
+
+        def __getattr__(self, name):
+            return getattr(self._frame, name)
+
+        def reformat(self, **wanted):
+            asked.append(wanted.get("threads"))
+            return self._frame.reformat(**wanted)
+
+    for pixels in ("nv12", "p010le", "rgb24", "bgr24", "gray"):
+        frame = av.VideoFrame.from_ndarray(np.full((12, 16), 99, np.uint8), format="yuv420p").reformat(format=pixels)
+        to_light(Noting(frame), pixel_format(frame, "a"), "as-is", np.zeros((3, 8, 16), np.float32))
+    assert len(asked) >= 3 and set(asked) == {1}

@@ -75,8 +75,8 @@ def make_cached(
     ``duplicate_learnt``, float ``[3, H·W / n]``, holds in its last row ``learnt`` of the second estimate of every n-th
     pixel, and in the others what each estimate has learnt more because of its assumed error.
 
-    ``own_before`` and ``learnt_before`` are copies of both from before the last frame that traced any path. They are
-    read only where the light is shown as it was ``earlier``.
+    ``own_before`` is a copy of ``own`` from before the last frame that traced any path. It is read only where the light
+    is shown as it was ``earlier``.
 
     ``out_shadows`` ``[H·W]`` records which rays of pixels in soft shadows reach the lamps, if ``tells_shadows``.
 
@@ -115,7 +115,6 @@ def make_cached(
         learnt: wp.array[float],
         fired: wp.array[float],
         own_before: wp.array[wp.vec3],
-        learnt_before: wp.array[float],
         duplicate_learnt: wp.array2d[float],
         duplicate_every: int,
         out_planes: wp.array2d[float],

@@ -172,7 +172,6 @@ class LightCacheHost:
             "learnt": self._learnt,
             "fired": self._fired,
             "own_before": self._own_before,
-            "learnt_before": self._learnt_before,
             "duplicate_learnt": self._duplicate_learnt,
             "duplicate_every": 0,
             "out_duplicate": self._sampled_twice,
