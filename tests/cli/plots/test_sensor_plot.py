@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clsim.cli.plots import sensor_plot
 from clsim.sensor import SensorSettings, characteristics, load_sensor
-
-sensor_plot = pytest.importorskip("clsim.cli.plots.sensor_plot")
 
 
 class Panel:

@@ -21,7 +21,8 @@ def test_the_names_of_causes_stand_in_the_order_of_their_numbers(tmp_path: Path,
         with h5py.File(path, "r") as file:
             names = list(file["events/cause"].attrs["causes"])
     else:
-        parquet = pytest.importorskip("pyarrow.parquet")
+        from pyarrow import parquet
+
         names = parquet.read_schema(path).metadata[b"causes"].decode().split(",")
     with open_source(path, labels=("cause",)) as source:
         told = [names[number] for number in source.read()["cause"]]
