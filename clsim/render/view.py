@@ -154,7 +154,10 @@ class View:
                 at_frames = options.light_hz is None
                 self._steerer = Steerer(*size, effort, primary_setup, board, self._device, refines=at_frames)
         # Duplicate pixels are written at the same place of planes of their own.
-        self._duplicate_pixels = self._pixels_to_duplicate() if self._steerer is None else np.zeros(0, np.int32)
+        numbers = self._pixels_to_duplicate() if self._steerer is None else np.zeros(0, np.int32)
+        of_square = np.asarray(seen_by_pixels(data.world.sensor), np.float32)
+        self._duplicate_pixels = numbers
+        self._duplicate_weights = of_square[2 * (numbers // self.width % 2) + numbers % self.width % 2]
         pixels = camera.width * camera.height if len(self._duplicate_pixels) else 0
         self._duplicate_planes: Any = wp.zeros((len(self.names), pixels), dtype=wp.float32, device=self._device)
         self._duplicate_pixels_on_device: Any = wp.array(self._duplicate_pixels, dtype=int, device=self._device)
@@ -302,9 +305,7 @@ class View:
         patches = self._options.duplicate_in
         if patches is not None:
             return np.stack([each[:, self._duplicate_pixels] for each in planes]).reshape(2, -1, *patches.shape)
-        pixels = np.arange(0, self.width * self.height, self._options.duplicate_every)
-        of_square = np.asarray(seen_by_pixels(self._data.world.sensor), np.float32)
-        weights = of_square[2 * (pixels // self.width % 2) + pixels % self.width % 2]
+        weights, pixels = self._duplicate_weights, self._duplicate_pixels
         return np.stack([np.einsum("nc,cn->n", weights, each[:3, pixels]) for each in planes])
 
     def forget_light(self) -> None:

@@ -46,8 +46,6 @@ _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 736 MiB, and 1,296 where
 something moves."""
 _REMEMBERED = 256
-_PIXELS_ADDED = 1 << 13
-"""Pixels of a launch on a CPU whose paths are added to cells: a fraction of a millisecond."""
 _NEVER = math.inf
 """A threshold that no number of paths reaches, so that all paths are traced."""
 
@@ -388,10 +386,9 @@ class LightCacheHost:
 
     def _tiles(self, kernel: Any, **arguments: Any) -> Tiles:
         """Return launches of a kernel over the pixels by all threads."""
-        size = _PIXELS_ADDED if self._threads.on_cpu else None
         return Tiles(
             self._threads, lambda tile: record(kernel, tile, self._device, first=0, **arguments),
-            "first", len(self._own), size,
+            "first", len(self._own), None,
         )  # fmt: skip
 
     def _open_cells(self) -> None:

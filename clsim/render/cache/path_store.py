@@ -18,8 +18,6 @@ from clsim.render.device.launch import Threads, Tiles, record
 
 _TILE = 2048
 """Paths of a launch on a CPU; on a GPU all are one, for each launch takes as long as its slowest path."""
-_ADDED = 4 * _TILE
-"""Paths of a launch that adds what they found to their cells."""
 
 
 class MovingScene(Protocol):
@@ -87,12 +85,12 @@ class PathStore:
         self._kernel = kernel
         kernels = build_storing()
 
-        def tiles(record_tile: Any, size: int, count: str | None = None) -> Tiles:
-            return Tiles(threads, record_tile, "first", 1 << 30, size if threads.on_cpu else None, count)
+        def tiles(record_tile: Any, size: int | None = None, count: str | None = None) -> Tiles:
+            return Tiles(threads, record_tile, "first", 1 << 30, size, count)
 
-        self._replay = tiles(self._record_replay, _TILE, "count")
-        self._add = tiles(lambda tile: self._record(kernels.add_paths, tile, found=self._found), _ADDED)
-        self._average = tiles(lambda tile: self._record(kernels.average_paths, tile, frame=0), _ADDED)
+        self._replay = tiles(self._record_replay, _TILE if threads.on_cpu else None, "count")
+        self._add = tiles(lambda tile: self._record(kernels.add_paths, tile, found=self._found))
+        self._average = tiles(lambda tile: self._record(kernels.average_paths, tile, frame=0))
 
     def forget(self) -> None:
         """Trace all again: lights have changed."""
