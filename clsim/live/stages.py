@@ -200,7 +200,7 @@ def plan_stages(
     Where ``lights_set`` says that lights change from outside, their light does not stand still. What ``driven`` names
     is moved from outside: it may go fast, and the camera need not stand still.
     """
-    from clsim.render import RenderOptions, check_device, lamps_move
+    from clsim.render import RenderOptions, check_device, lamps_move, precompile_headers
 
     if world is None:
         world = alone(load_options_world(options))
@@ -241,6 +241,8 @@ def plan_stages(
         device=options.render_device,
     )
     check_device(options.render_device)
+    # Meanwhile the OpenCL device may have to be tried, by a program of its own.
+    precompile_headers(options.render_device)
     planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0, truth=render.truth).names
     size = world.camera.width, world.camera.height
     specimen = specimen_of(options.sensor, options.seed, world.sensor.lux_per_unit / world.sensor.scale)

@@ -1,5 +1,6 @@
 """The path tracer: a World in, Frames out, in Warp on a CPU or GPU."""
 
+from clsim.render.device.compiler import precompile_headers
 from clsim.render.device.devices import check_device, fastest_tree, list_render_devices
 from clsim.render.features.scene_features import camera_watches, direct_light_is_analytic, light_stands_still
 from clsim.render.features.scene_lamps import lamps_move
@@ -24,4 +25,5 @@ __all__ = [
     "lamps_move",
     "light_stands_still",
     "list_render_devices",
+    "precompile_headers",
 ]
