@@ -17,6 +17,7 @@ class Settings:
     The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
     what pixels see of R, G and B, and ``mosaic`` what those of each square of four do. Nothing is farther away than
     ``reach_m``, if that is finite, and no sphere is less wide than ``least_sphere_rad`` [rad], seen from the camera.
+    Pixels see no difference in luminance below ``darkest``.
     """
 
     samples: int
@@ -31,6 +32,7 @@ class Settings:
     mosaic: Mosaic
     reach_m: float
     least_sphere_rad: float
+    darkest: float
     stream: wp.uint64
 
 

@@ -46,6 +46,7 @@ def settings_of(options: RenderOptions, camera: Camera, sensor: Sensor) -> Any:
     settings.roulette_start = options.roulette_start
     settings.width, settings.height = camera.width, camera.height
     settings.reach_m = math.inf
+    settings.darkest = sensor.floor / sensor.scale
     settings.spectral = wp.vec3(*spectral_weights(sensor.spectral))
     settings.mosaic = Mosaic(*itertools.chain.from_iterable(seen_by_pixels(sensor)))
     return settings

@@ -170,11 +170,18 @@ def make_cached(
                 told = steering.event.on > 0.0
                 if told and seen.counted:
                     so_far = finished(gathered, own[pixel], own[pixel], spectral)
-                    gained = wp.where(duplicate_every > 0, 0.0, gain(so_far, spectral))
+                    gained = wp.where(duplicate_every > 0, 0.0, gain(so_far, settings.darkest, spectral))
                     level = level_of(shown_in(so_far, False, learnt[pixel] + gained), steering.event, spectral)
                     error = error_allowed(level, fired[pixel], steering.event)
                 primary_rays = refine_primary_rays(
-                    gathered.brightness, gathered.squares, seen, steering.primary_rays, primary_rays, error, told
+                    gathered.brightness,
+                    gathered.squares,
+                    settings.darkest,
+                    seen,
+                    steering.primary_rays,
+                    primary_rays,
+                    error,
+                    told,
                 )
             if corner_pass:
                 continue
@@ -185,13 +192,14 @@ def make_cached(
                 # Its rays hit other cells, which learn something else.
                 learnt_then = duplicate_learnt[2, number]
                 if settings.samples > 0:
-                    duplicate_learnt[2, number] = learnt_then + gain(gathered, spectral)
+                    duplicate_learnt[2, number] = learnt_then + gain(gathered, settings.darkest, spectral)
                 if not steering.earlier:
                     learnt_then = duplicate_learnt[2, number]
                 shows = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
                 sees = shown_in(gathered, steering.earlier, learnt_then)
                 for one in range(2):
-                    off, gained = wrong_by(gathered, wp.where(one == 0, _OFF, -_OFF), steering.earlier, spectral)
+                    errors = wp.where(one == 0, _OFF, -_OFF)
+                    off, gained = wrong_by(gathered, errors, steering.earlier, settings.darkest, spectral)
                     seen_by = brightness(wp.where(one == 0, shows, sees), spectral)
                     duplicate_learnt[one, number] = duplicate_learnt[one, number] + gained
                     then = wp.where(steering.earlier, gained, 0.0)
@@ -240,7 +248,7 @@ def make_cached(
             gathered = finished(gathered, own[pixel], before, spectral)
             learnt_so_far = learnt[pixel]
             if settings.samples > 0:
-                learnt[pixel] = learnt_so_far + gain(gathered, spectral)
+                learnt[pixel] = learnt_so_far + gain(gathered, settings.darkest, spectral)
                 out_spent[1, pixel] = wanted
             if not steering.earlier:
                 learnt_so_far = learnt[pixel]

@@ -19,8 +19,6 @@ from clsim.render.sampling.sampling import brightness
 
 _LEAST = wp.constant(0.1)
 """Part of what it shows that a pixel shows at least, however wrong its light may be."""
-_DARKEST = wp.constant(1.0e-4)
-"""Luminance below which there is nothing to learn: as a detector's floor."""
 _LARGEST_GAIN = wp.constant(8.0)
 """Change of log luminance that a frame may learn: what seemed black, as no path had found light, may be bright."""
 _CLOSE = wp.constant(0.5)
@@ -204,13 +202,14 @@ def finished(gathered: GatheredLight, own: wp.vec3, own_before: wp.vec3, weights
 
 
 @wp.func
-def gain(gathered: GatheredLight, weights: wp.vec3) -> float:
+def gain(gathered: GatheredLight, darkest: float, weights: wp.vec3) -> float:
     """Return by how much what a pixel reflects has changed because light is known better, not because it changed.
 
-    That is the logarithm of a ratio. What shines by itself is always known.
+    That is the logarithm of a ratio. What shines by itself is always known. Below ``darkest`` there is nothing to
+    learn.
     """
-    now = wp.max(brightness(gathered.light, weights), _DARKEST)
-    before = wp.max(gathered.before, _DARKEST)
+    now = wp.max(brightness(gathered.light, weights), darkest)
+    before = wp.max(gathered.before, darkest)
     return wp.clamp(wp.log(now / before), -_LARGEST_GAIN, _LARGEST_GAIN)
 
 
@@ -224,14 +223,16 @@ def shown_in(gathered: GatheredLight, earlier: bool, learnt: float) -> wp.vec3:
 
 
 @wp.func
-def wrong_by(gathered: GatheredLight, errors: float, earlier: bool, weights: wp.vec3) -> tuple[float, float]:
+def wrong_by(
+    gathered: GatheredLight, errors: float, earlier: bool, darkest: float, weights: wp.vec3
+) -> tuple[float, float]:
     """Return by how much log luminance is wrong where the light is off by so many standard errors, and its last change.
 
     That change is learnt, as `gain` is: what a pixel shows would not change by it.
     """
     shining = brightness(gathered.emission, weights)
-    now = wp.max(shining + brightness(gathered.light, weights), _DARKEST)
-    before = wp.max(shining + gathered.before, _DARKEST)
+    now = wp.max(shining + brightness(gathered.light, weights), darkest)
+    before = wp.max(shining + gathered.before, darkest)
     off = wp.log(wp.max(1.0 + errors * gathered.off / now, _LEAST))
     off_before = wp.log(wp.max(1.0 + errors * gathered.off_before / before, _LEAST))
     return wp.where(earlier, off_before, off), off - off_before

@@ -54,7 +54,7 @@ class Cell:
 
     Attributes:
         key: what tells it from others; 0 where the row is free.
-        light: mean irradiance over π.
+        light: mean irradiance over π, in units of `Asked.unit`, as are all others of light.
         tilt: what it is times that across the cell is 1, u and v times these, of the place in it from 0 to 1.
         count: number of paths.
         update: number of the last update that added to it.
@@ -83,7 +83,7 @@ class Followed:
 
     Attributes:
         factor: by which the light has changed.
-        more: light that came where next to none was.
+        more: light that came where next to none was, in units of `Asked.unit`.
         count: number of stored paths; 0 tells of no change.
         error: standard error of the factor, in brightness.
         step: by how much the factor has changed in the step to the frame ``stepped``, from what it was ``last``.
@@ -140,6 +140,7 @@ class Asked:
         enough_stored: stored paths with which a level counts as much as all coarser ones, where they tell that.
         frame: number of the last frame, …
         to_go: … and the share of the step to it that is left: in it, light changes along a line.
+        unit: what a light of 1 in a cell is: a power of two near what paths find, for sums of whole numbers.
     """
 
     finest: int
@@ -151,6 +152,7 @@ class Asked:
     enough_stored: float
     frame: int
     to_go: float
+    unit: float
 
 
 @wp.func
@@ -347,12 +349,12 @@ def look_up(
         level = level - 1
     cached.known = whole.paths
     cached.factor = factor
-    cached.more = more
-    cached.light = wp.cw_mul(whole.light, factor) + more
+    cached.more = more * asked.unit
+    cached.light = wp.cw_mul(whole.light, factor) * asked.unit + cached.more
     off_factor = off_factor / wp.max(bright_of(factor), _LEAST_FACTOR)
     cached.off = whole.off / wp.max(bright_of(whole.light), 1.0e-20) + off_factor
     cached.known_before = whole_before.paths > 0.0
-    cached.before = wp.cw_mul(whole_before.light, factor) + more
+    cached.before = wp.cw_mul(whole_before.light, factor) * asked.unit + cached.more
     cached.off_before = whole_before.off / wp.max(bright_of(whole_before.light), 1.0e-20) + off_factor
     return cached
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.cache.cached_light import Gathering
-from clsim.render.cache.first_frame import paths_wanted
+from clsim.render.cache.first_frame import paths_wanted, unit_of
 from clsim.render.cache.light_cache import LEVELS, Asked, Cell, Followed
 from clsim.render.cache.light_grid import BLOCK
 from clsim.render.cache.light_updates import SUMS, build_updates
@@ -138,6 +138,7 @@ class LightCacheHost:
         self._found_more = False
         self._finest = _finest_of(effort)
         self._passes, self._wanted = _PASSES_OF_FIRST, 0.0
+        self._unit: float | None = None
         self._first_frame_error = first_frame_error
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells, self._told = self._table(
@@ -279,7 +280,7 @@ class LightCacheHost:
         self._found_more = False
         for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt, self._duplicate_learnt):
             each.zero_()
-        self._frames = 0
+        self._frames, self._unit = 0, None
         self._times_us.clear()
 
     def cancel(self) -> None:
@@ -297,8 +298,13 @@ class LightCacheHost:
         self.paths += int(paths)
         self._found_more = True
         self._frames += 1
-        if self._frames == 1:
+        if self._unit is None:
             lights, positions = (self._found[f"out_{name}"].numpy() for name in ("lights", "positions"))
+            self._unit = unit_of(lights, positions)
+            if self._store is not None:
+                # What stored paths find may be added before the next paths tell.
+                self._unit = self._store.unit = self._unit or 1.0
+        if self._frames == 1:
             self._wanted = paths_wanted(lights, positions, self._first_frame_error)
             self._passes = max(math.ceil(self._wanted / len(lights)), _PASSES_OF_FIRST)
         if self._store is not None:
@@ -316,6 +322,7 @@ class LightCacheHost:
         asked: Any = Asked()
         asked.last_update, asked.finest, asked.finest_if_smooth = -1, self._finest, _FINEST_IF_SMOOTH
         asked.follows, asked.enough_stored = self._store is not None, self._enough_stored
+        asked.unit = self._unit or 1.0
         return asked
 
     def _is_time(self, time_us: int) -> bool:

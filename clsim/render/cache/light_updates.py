@@ -39,7 +39,8 @@ _FEW = wp.constant(12.0)
 _BY_CHANCE = wp.constant(2.0)
 """What a plane explains by chance alone is some twice the variance of one path over their number."""
 _LARGEST = wp.constant(65536.0)
-"""Irradiance, and its square, count as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
+"""Irradiance, and its square, count as no more than this, in units of `Asked.unit`: sums stay below 2⁶³ for 30,000
+paths as bright."""
 
 
 def open_cells(
@@ -113,6 +114,7 @@ def add_to_cells(
                 cached = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
                 known = tells_before(cached)
                 light = before_change(cached, light)
+            light = light / asked.unit
             p = positions[i, pixel]
             n = normals[i, pixel]
             axis = face_of(wp.vec3(n[0], n[1], n[2])) // 2

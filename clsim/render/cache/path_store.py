@@ -45,6 +45,7 @@ class PathStore:
         stored: how many there are.
         frame: number of the last frame.
         followed: whether anything was ever traced again.
+        unit: of the light that cells hold, see `Asked`.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class PathStore:
         self.paths = self.stored = self._taken = 0
         self.frame = 0
         self.followed = False
+        self.unit = 1.0
         self._count: Any = wp.zeros(1, dtype=wp.int32, device=self._device)
         self._movement = Movement(data.places(), self._device)
         self._all_again = False
@@ -89,7 +91,7 @@ class PathStore:
             return Tiles(threads, record_tile, "first", 1 << 30, size, count)
 
         self._replay = tiles(self._record_replay, _TILE if threads.on_cpu else None, "count")
-        self._add = tiles(lambda tile: self._record(kernels.add_paths, tile, found=self._found))
+        self._add = tiles(lambda tile: self._record(kernels.add_paths, tile, unit=1.0, found=self._found))
         self._average = tiles(lambda tile: self._record(kernels.average_paths, tile, frame=0))
 
     def forget(self) -> None:
@@ -177,7 +179,7 @@ class PathStore:
         """Add what paths found to their cells, and tell these."""
         changed = {"joining": joining, "steady": steady, "paths": self._paths, "traced_again": self._traced}
         changed |= {"sums": table[0], "followed": table[1]}
-        self._add.run(self.stored, changed | {"found": self._found}, first)
+        self._add.run(self.stored, changed | {"unit": self.unit, "found": self._found}, first)
         self._average.run(self.stored, changed | {"frame": self.frame}, first)
         self.paths += int(np.count_nonzero(self._traced.numpy()[first : self.stored]))
 

@@ -90,7 +90,7 @@ class StoredPath:
         met: where it begins.
         pixel, number: of the path whose random numbers it has.
         rows: of its cells, −1 for none.
-        light: irradiance over π that it finds, as far as is known.
+        light: irradiance over π that it finds, as far as is known, in units of `Asked.unit`.
         found: the same when it was traced last, …
         age: … and how many frames ago that was.
         rate: by how much that changes in a frame.
@@ -168,7 +168,8 @@ def choose_paths(
                     path.met = met[i, pixel]
                     path.pixel = pixel
                     path.number = number
-                    path.base = before_change(cached, wp.vec3(1.0, 1.0, 1.0) + cached.more)
+                    cached.more = wp.vec3()
+                    path.base = before_change(cached, wp.vec3(1.0, 1.0, 1.0))
                     path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
                     path.limit = NO_LIMIT
                     if limited and rows[i, _LEVELS - 1, pixel] >= 0:
@@ -232,6 +233,7 @@ def add_paths(
     first: int,
     joining: bool,
     steady: bool,
+    unit: float,
     paths: wp.array[StoredPath],
     found: wp.array[wp.vec3],
     traced_again: wp.array[int],
@@ -241,11 +243,11 @@ def add_paths(
     """Add what paths found to their cells: all of it if they are ``joining``, else by how much it has changed.
 
     A thread is a path, from ``first`` on. Where lamps move and each frame follows a part of the paths, changes are
-    ``steady``: paths that were not traced again change as they did before.
+    ``steady``: paths that were not traced again change as they did before. Cells hold light in units of ``unit``.
     """
     i = first + wp.tid()
     if traced_again[i] > 0 or steady:
-        path = _advanced(paths[i], found[i], traced_again[i] > 0, steady and not joining)
+        path = _advanced(paths[i], found[i] / unit, traced_again[i] > 0, steady and not joining)
         if joining:
             path.base = wp.cw_mul(path.base, path.light)
         if joining or steady or not path.light == paths[i].light:  # noqa: SIM201 - Warp has no != of vectors

@@ -207,7 +207,14 @@ def make_retraced(
                 )
                 gathered = light_of(cells, followed, surfaces, seen.surfaces, gathering, settings.spectral)
                 primary_rays = refine_primary_rays(
-                    gathered.brightness, gathered.squares, seen, steering.primary_rays, primary_rays, SHARE_ERROR, False
+                    gathered.brightness,
+                    gathered.squares,
+                    settings.darkest,
+                    seen,
+                    steering.primary_rays,
+                    primary_rays,
+                    SHARE_ERROR,
+                    False,
                 )
             shown = seen_light(gathered, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
             store_surfaces(surfaces, seen.surfaces, seen.rays, shown, settings.spectral, request, out_planes)

@@ -16,8 +16,6 @@ from clsim.render.sampling.sampling import brightness
 
 SHARE_ERROR = wp.constant(0.02)
 """Part of a pixel's brightness by which counted shares may be wrong near an event; beyond, more rays count them."""
-_DARKEST = wp.constant(1.0e-4)
-"""Luminance below which relative errors tell nothing."""
 _MOST_SURFACES = wp.constant(MOST_SURFACES)
 _RAYS_IN_A_CROWD = wp.constant(4)
 """Multiple of the rays that a pixel gets which shows `MOST_SURFACES`."""
@@ -67,25 +65,34 @@ def fire(level: float, fired: float, event: NextEvent) -> float:
 
 
 @wp.func
-def rays_needed(bright: float, squares: float, error: float) -> float:
+def rays_needed(bright: float, squares: float, darkest: float, error: float) -> float:
     """Return how many rays find a pixel's brightness within that part of it.
 
-    ``bright`` is the mean brightness of what the pixel shows, ``squares`` the mean of its square. The error of points
-    that are spread evenly falls nearly as their number to the power of 3/4.
+    ``bright`` is the mean brightness of what the pixel shows, ``squares`` the mean of its square. Below ``darkest``
+    relative errors tell nothing. The error of points that are spread evenly falls nearly as their number to the power
+    of 3/4.
     """
     spread = wp.sqrt(wp.max(squares - bright * bright, 0.0))
-    return wp.pow(spread / (error * wp.max(bright, _DARKEST)), 4.0 / 3.0)
+    return wp.pow(spread / (error * wp.max(bright, darkest)), 4.0 / 3.0)
 
 
 @wp.func
 def refine_primary_rays(
-    bright: float, squares: float, seen: Seen, first: PrimaryRays, primary_rays: PrimaryRays, error: float, told: bool
+    bright: float,
+    squares: float,
+    darkest: float,
+    seen: Seen,
+    first: PrimaryRays,
+    primary_rays: PrimaryRays,
+    error: float,
+    told: bool,
 ) -> PrimaryRays:
     """Return the numbers of rays that a pixel needs after what its first rays saw.
 
     Args:
         bright: mean brightness of what it shows.
         squares: mean of its square.
+        darkest: brightness below which pixels see no difference.
         seen: what was seen by ``primary_rays``.
         first: the first numbers of rays.
         primary_rays: the last ones.
@@ -94,7 +101,7 @@ def refine_primary_rays(
     """
     refined = primary_rays
     if primary_rays.most == first.most and seen.counted:
-        needed = rays_needed(bright, squares, error)
+        needed = rays_needed(bright, squares, darkest, error)
         least = int(0)
         if seen.surfaces == _MOST_SURFACES:
             # There may be more surfaces than were counted, and nobody knows how different they are.

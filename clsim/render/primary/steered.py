@@ -23,7 +23,7 @@ from clsim.render.camera.film import Sample
 from clsim.render.primary.first_hits import Seen
 from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import SHARE_ERROR, rays_needed
-from clsim.render.primary.seen_surfaces import MOST_SURFACES, SeenSurface, covered_by, lit_albedo, store_surfaces
+from clsim.render.primary.seen_surfaces import DARK, MOST_SURFACES, SeenSurface, covered_by, lit_albedo, store_surfaces
 from clsim.render.primary.shadow_rays import Shadows
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sampling import brightness
@@ -116,7 +116,9 @@ def _corrected(grade: int, known: int, before: int) -> int:
 
 
 @wp.func
-def _rays_at_event(surfaces: wp.array[SeenSurface], number: int, weights: wp.vec3, primary_rays: PrimaryRays) -> int:
+def _rays_at_event(
+    surfaces: wp.array[SeenSurface], number: int, darkest: float, weights: wp.vec3, primary_rays: PrimaryRays
+) -> int:
     """Return how many primary rays a pixel gets near an event, by how its surfaces differ.
 
     Colours count, and how direct light differs between surfaces, and not how much light there is: where that alone
@@ -141,7 +143,7 @@ def _rays_at_event(surfaces: wp.array[SeenSurface], number: int, weights: wp.vec
         lights += one * one * share
     most = float(primary_rays.at_event)
     error = SHARE_ERROR * _USUAL / float(primary_rays.most)
-    needed = wp.max(rays_needed(colour, colours, error), rays_needed(lit, lights, error))
+    needed = wp.max(rays_needed(colour, colours, DARK, error), rays_needed(lit, lights, darkest, error))
     if own > _GLOW * lit:
         needed = most
     return int(wp.clamp(needed, wp.min(_ALIKE * float(primary_rays.most), most), most))
@@ -213,7 +215,9 @@ def make_steered(
                     break
                 refined = (int(grades[pixel]) & _REFINED) > 0 and primary_rays.at_event > primary_rays.most
                 if seen.counted and refined and done == steering.primary_rays.most:
-                    primary_rays.most = _rays_at_event(surfaces, seen.surfaces, settings.spectral, primary_rays)
+                    primary_rays.most = _rays_at_event(
+                        surfaces, seen.surfaces, settings.darkest, settings.spectral, primary_rays
+                    )
             if corner_pass:
                 continue
             graded = int(grades[pixel]) & (_REFINED - 1)

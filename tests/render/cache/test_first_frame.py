@@ -1,10 +1,10 @@
-"""How many paths tell what the light of the first frame is."""
+"""How bright the light of the first frame is, and how many paths tell it."""
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from clsim.render.cache.first_frame import paths_wanted
+from clsim.render.cache.first_frame import paths_wanted, unit_of
 
 PIXELS = 4096
 
@@ -43,3 +43,16 @@ def test_pixels_at_the_edge_of_nothing_do_not_count() -> None:
     positions[:4, ::2, 3] = 0.0
     lights[:4, ::2] = 0.0
     assert paths_wanted(lights, positions, 0.1) == pytest.approx(whole, rel=0.1)
+
+
+@pytest.mark.parametrize("mean", [1e-30, 3e-5, 1.0, 7e12])
+def test_light_is_held_in_a_unit_that_is_near_it(mean: float) -> None:
+    """Twice the light has twice the unit; where paths met nothing, or found nothing, nothing is told."""
+    lights, positions = found(0.5, 8)
+    unit = unit_of(lights * np.float32(mean), positions)
+    assert unit is not None
+    assert 1 < unit / mean < 10
+    assert np.log2(unit) % 1 == 0
+    assert unit_of(lights * np.float32(2 * mean), positions) == 2 * unit
+    assert unit_of(lights, 0 * positions) is None
+    assert unit_of(0 * lights, positions) is None

@@ -28,7 +28,7 @@ def cell_after(first, then, limit=LIMIT):
     for joining, light in ((True, first), (False, then)):
         found = wp.array(np.float32(light), dtype=wp.vec3, device="cpu")
         of = [0, joining, False]
-        wp.launch(build_storing().add_paths, count, [*of, paths, found, traced, sums, followed], device="cpu")
+        wp.launch(build_storing().add_paths, count, [*of, 1.0, paths, found, traced, sums, followed], device="cpu")
         wp.launch(build_storing().average_paths, count, [*of, 1, paths, traced, sums, followed], device="cpu")
     return followed.numpy()[0]
 

@@ -103,6 +103,18 @@ def test_what_moves_and_comes_back_finds_the_same_light():
     assert np.abs(shown[-1] - shown[-2]).max() > 0.05
 
 
+@pytest.mark.parametrize("times", [2.0**-30, 2.0**20])
+@pytest.mark.parametrize("box", [Static(hw.translation(0.4, 0.4, 0.0)), there_and_back()])
+def test_light_in_other_units_gives_the_same_picture(times, box):
+    """To the bit, for powers of two, if what the sensor sees is in these units too: bright ones, and dark ones."""
+    shown = []
+    for by in (1.0, times):
+        lit = room(box, lamp_at(), (0.3 * by,) * 3, (40.0 * by, 30.0 * by, 20.0 * by))
+        scene = replace(lit, sensor=replace(lit.sensor, scale=1.0 / by))
+        shown.append(pictures(scene, [0, 50_000, 110_000, 200_000], max_depth=4)[0] / by)
+    np.testing.assert_array_equal(*shown)
+
+
 def test_no_path_is_traced_where_nothing_has_moved():
     """And few where a box has, for most paths do not come near it."""
     world = room(there_and_back(), lamp_at())
@@ -174,7 +186,7 @@ def test_the_error_of_a_change_is_that_of_the_ratio_of_two_sums():
     for joining, light in ((True, first), (False, 0.5 * (first + then))):
         found = wp.array(light.astype(np.float32), dtype=wp.vec3, device="cpu")
         of = [0, joining, False]
-        wp.launch(build_storing().add_paths, 60, [*of, paths, found, traced, sums, followed], device="cpu")
+        wp.launch(build_storing().add_paths, 60, [*of, 1.0, paths, found, traced, sums, followed], device="cpu")
         wp.launch(build_storing().average_paths, 60, [*of, 1, paths, traced, sums, followed], device="cpu")
         before, now = first.mean(axis=1), light.mean(axis=1)
         ratio = now.sum() / before.sum()
@@ -198,13 +210,13 @@ def test_paths_have_limits_unless_lamps_change_their_brightness(monkeypatch, bli
 
     def store_and_note(paths, *given):
         store(paths, *given)
-        limits[:] = paths._paths.numpy()["limit"][: paths.stored]
+        limits[:] = paths.unit * paths._paths.numpy()["limit"][: paths.stored]
 
     monkeypatch.setattr(PathStore, "store", store_and_note)
     world = room(hw.IDENTITY if blinks else there_and_back(), lamp_at())
     lamp = replace(world.sphere_lights[0], modulation=Pwm(5.0, 0.5) if blinks else None)
     shown, _ = pictures(replace(world, sphere_lights=(lamp,)), [10_000, 60_000])
-    finite = np.array(limits)[np.array(limits) < 1e19]
+    finite = np.array(limits)[np.array(limits) < 1e9]
     assert len(limits) > 100 and (len(finite) == 0 if blinks else len(finite) > 0.9 * len(limits))
     if not blinks:
         # Ten times what surfaces reflect, about: indirect light alone is in cells here.
