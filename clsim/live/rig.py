@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 PLACEHOLDER = "{camera}"
 """Stands for the camera's name in the names of outputs."""
+_GOLDEN = 0x9E3779B97F4A7C15
+"""Far from the small seeds that people choose, whatever multiple of it is added."""
 
 
 class SharedScene:
@@ -65,17 +67,23 @@ def open_rig(options: LiveOptions) -> list[Session]:
     shared = SharedScene(world, max(camera.shutter_s for camera in cameras.values()))
     sessions: list[Session] = []
     try:
-        for mount in world.rig:
+        for number, mount in enumerate(world.rig):
             own = replace(world, camera=cameras[mount.name], rig=())
             outputs = tuple(name.replace(PLACEHOLDER, mount.name) for name in options.outputs)
             facts = {"camera_name": mount.name, "extrinsics": extrinsics(mount, world.rig)}
             member = RigMember(own, shared.view, facts)
-            sessions.append(open_live(replace(options, outputs=outputs), member=member))
+            chip = replace(options, outputs=outputs, seed=seed_of(options.seed, number))
+            sessions.append(open_live(chip, told={"seed": options.seed}, member=member))
     except BaseException:
         for session in sessions:
             session.pipeline.stop()
         raise
     return sessions
+
+
+def seed_of(seed: int, number: int) -> int:
+    """Return the seed of a camera of a rig, by its number from 0: the first has the run's, others noise of their own."""
+    return (seed + number * _GOLDEN) % 2**64
 
 
 def cameras_of(world: World) -> dict[str, Camera]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +18,7 @@ from clsim.forks import check_process, is_orphan
 from clsim.live.made_worlds import check_world
 from clsim.live.options import LiveOptions
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
+from clsim.live.rig import seed_of
 from clsim.live.stages import Stages, in_colours_of, load_options_world, plan_stages
 from clsim.render import SceneData
 from clsim.scene import World
@@ -95,7 +96,7 @@ class Driver(ABC):
     def _start(self, scene: SharedScene, clock: Clock) -> None:
         """Choose devices; drivers that share the scene move it one at a time."""
         self._camera_pipelines = {
-            name: CameraPipeline(plan_stages(self._options, own)) for name, own in self._seen(self.world).items()
+            name: CameraPipeline(plan_stages(options, own)) for name, own, options in self._chips()
         }
         self.fps = self._first.fps
         self.warnings = tuple(
@@ -337,10 +338,15 @@ class Driver(ABC):
         """Copy the scene to the device."""
 
     def _plan(self) -> None:
-        for name, own in self._seen(self.world).items():
+        for name, own, options in self._chips():
             self._camera_pipelines[name].stages = plan_stages(
-                self._options, own, lights_set=bool(self._driving.light), driven=self._driven
+                options, own, lights_set=bool(self._driving.light), driven=self._driven
             )
+
+    def _chips(self) -> Iterator[tuple[str, World, LiveOptions]]:
+        """Yield each camera's name, the world as it sees it, and its options: no two have the same noise."""
+        for number, (name, own) in enumerate(self._seen(self.world).items()):
+            yield name, own, replace(self._options, seed=seed_of(self._options.seed, number))
 
     @property
     def _first(self) -> Stages:

@@ -167,7 +167,7 @@ class RigSimulator(Driver):
     ...     events = rig.step(until_us=1_000)
     ...     print(len(events["left"]), len(events["right"]))
 
-    Each camera has the bits that it has alone, and in a live run. Arguments are those of `Simulator`.
+    Each camera has the bits that it has in a live run, and noise of its own. Arguments are those of `Simulator`.
 
     Attributes:
         cameras: by name, in the order of the scene.

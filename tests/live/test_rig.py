@@ -1,4 +1,4 @@
-"""Several cameras on a rig: where they are, and that each is as if it were alone."""
+"""Several cameras on a rig: where they are, and that each is as if it were alone, with noise of its own."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from clsim.events import SinkError
 from clsim.live import rig as live_rig
 from clsim.live import session as live_session
 from clsim.live.options import LiveOptions
-from clsim.live.rig import extrinsics, open_rig, run_all
+from clsim.live.rig import extrinsics, open_rig, run_all, seed_of
 
 RIG = """
 fps = 120
@@ -74,6 +74,33 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_each_camera_has_a_sensor_and_an_imu_of_its_own(tmp_path: Path) -> None:
+    """Noise that two cameras share, to the microsecond, would be depth without end to who compares them."""
+    noise = tmp_path / "imu.yaml"
+    noise.write_text(
+        "accelerometer_noise_density: 0.02\naccelerometer_random_walk: 0.001\n"
+        "gyroscope_noise_density: 0.01\ngyroscope_random_walk: 0.0001\n"
+    )
+    dark = Path(rig(tmp_path)).read_text().replace("radiance = [0.5, 0.5, 0.5]", "radiance = [0.005, 0.005, 0.005]")
+    scene = tmp_path / "dark.toml"
+    scene.write_text(dark)
+    options = LiveOptions(
+        str(scene), frame_count=24, quality="draft", sensor="davis346", truth=("imu",), imu_noise=str(noise),
+        outputs=(str(tmp_path / "{camera}.h5"),),
+    )  # fmt: skip
+    run_all(open_rig(options))
+    left, right = (clsim.open(str(tmp_path / f"{name}.h5")).read() for name in ("left", "right"))
+    assert len(left) > 20 and len(right) > 20
+    assert len(set(left.tolist()) & set(right.tolist())) < 0.1 * len(left)
+    shaken = []
+    for name in ("left", "right"):
+        with h5py.File(tmp_path / f"{name}.h5") as file:
+            shaken.append(np.diff(file["imu/acceleration"][:], axis=0).ravel())
+            assert json.loads(file.attrs["about"])["options"]["seed"] == 0
+    assert abs(np.corrcoef(shaken)[0, 1]) < 0.2
+
+
+@pytest.mark.slow
 def test_each_camera_is_as_if_it_were_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its events, its truth, and what is told of their noise, for which all pixels are sampled twice."""
     monkeypatch.setattr(live_session, "DUPLICATE_EVERY", 1)
@@ -85,9 +112,9 @@ def test_each_camera_is_as_if_it_were_alone(tmp_path: Path, monkeypatch: pytest.
     world = clsim.load_scene(scene)
     told = [session.summary().noise_share for session in sessions]
     assert all(0.0 < share < 0.3 for share in told if share is not None) and None not in told and told[0] != told[1]
-    for mount in world.rig:
+    for number, mount in enumerate(world.rig):
         alone = replace(world, camera=mount.camera(world.camera), rig=())
-        with clsim.Simulator(alone, quality="draft", truth=("depth",)) as simulator:
+        with clsim.Simulator(alone, quality="draft", truth=("depth",), seed=seed_of(0, number)) as simulator:
             expected = simulator.step(sessions[0].schedule.time_us(5))
             depth = simulator.truth("depth")["depth"]
         assert len(expected) > 100
