@@ -26,7 +26,8 @@ def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, 
     """Return the planes to regress on, in the order of ``names``.
 
     Raises:
-        InputError: a plane asked for in ``config.features`` is missing, or cannot be a feature.
+        InputError: a plane asked for in ``config.features`` is missing, or cannot be a feature; or there is none, and
+            the gate sees nothing else.
     """
     wanted = FEATURE_PLANES if config.features is None else config.features
     if config.features is not None:
@@ -35,7 +36,13 @@ def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, 
                 raise InputError(f"`features`: {name!r} is unknown; expected some of {', '.join(FEATURE_PLANES)}")
             if name not in names:
                 raise InputError(f"`features`: {name!r} is not among the frames' planes {', '.join(names)}")
-    return tuple(name for name in names if name in wanted)
+    found = tuple(name for name in names if name in wanted)
+    if not found and config.facts.gated and config.gate != "radiance":
+        raise InputError(
+            f"`gate` {config.gate} sees changes of surfaces, such as of their albedo, normal or depth, and the frames "
+            "tell none of these; expected radiance"
+        )
+    return found
 
 
 def check_variance(config: DetectorConfig, names: tuple[str, ...]) -> None:

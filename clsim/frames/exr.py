@@ -213,7 +213,8 @@ def _sequence_files(path: str | Path) -> list[Path]:
     if not found and not glob.has_magic(str(path)) and not base.exists():
         raise InputError(f"{path}: no such file or folder; expected a folder of *.exr files or a glob pattern")
     if not found:
-        raise InputError(f"no EXR file at {path}; expected a folder of *.exr files or a glob pattern")
+        lacking = "no EXR file is in" if base.is_dir() else "no file is named as"
+        raise InputError(f"{lacking} {path}; expected a folder of *.exr files or a glob pattern")
     if len(found) == 1:
         return found
     numbered: dict[int, Path] = {}

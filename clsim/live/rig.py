@@ -82,7 +82,7 @@ def open_rig(options: LiveOptions) -> list[Session]:
 
 
 def seed_of(seed: int, number: int) -> int:
-    """Return the seed of a camera of a rig, by its number from 0: the first has the run's, others noise of their own."""
+    """Return the seed of a camera of a rig, by its number from 0: the first has the run's, others their own noise."""
     return (seed + number * _GOLDEN) % 2**64
 
 

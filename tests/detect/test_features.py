@@ -9,7 +9,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.detect.features import feature_names
 from clsim.detector import Detector
 from clsim.errors import InputError
-from clsim.frames import Frame
+from clsim.frames import RADIANCE, Frame
 from clsim.opencl import workplace
 from clsim.sensor import Specimen, load_sensor
 from tests.detect.reference_scenes import make_frame, random_frames, run
@@ -113,3 +113,13 @@ def test_no_kernel_is_built_once_frames_come(monkeypatch: pytest.MonkeyPatch, se
     for frame in frames:
         detector.step(frame)
     assert detector.stats.frames == len(frames)
+
+
+@pytest.mark.parametrize("gate", ["delta-r", "delta-r-exact", "published"])
+def test_a_gate_that_sees_surfaces_alone_refuses_pictures(gate):
+    """With the paper's gate a video had no events at all, and the threshold was blamed."""
+    config = DetectorConfig(gate=gate)
+    with pytest.raises(InputError, match=f"`gate` {gate} sees changes of surfaces.* expected radiance"):
+        feature_names(config, RADIANCE)
+    assert feature_names(config, (*RADIANCE, "Depth")) == ("Depth",)
+    assert feature_names(DetectorConfig(gate="radiance"), RADIANCE) == ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,6 +13,8 @@ from clsim.scene import World
 from clsim.scene.load import is_lit
 
 _COVERAGE = "Coverage"
+_SAME = 1e-6
+"""Log units by which brightness at the floor may be rounded."""
 _BLIND = "the camera sees nothing but a background of one colour"
 
 
@@ -35,6 +38,7 @@ class Silence:
         self._first: FloatArray | None = None
         self._apart: FloatArray | None = None
         self._largest: float | None = None
+        self._brightest: float | None = None
 
     def wants_frame(self) -> bool:
         """Want fewer and fewer frames, and none once there are events."""
@@ -47,11 +51,13 @@ class Silence:
             self._sees = float(frame.plane(_COVERAGE).max()) > 0
         if level is None:
             return
+        brightest = float(np.fmax.reduce(level, axis=None))
+        self._brightest = brightest if self._brightest is None else max(brightest, self._brightest)
         if self._first is None or self._apart is None:
             self._first, self._apart = level.copy(), np.empty_like(level)
             return
         np.subtract(level, self._first, out=self._apart)
-        largest = float(np.fmax(np.fmax.reduce(self._apart, axis=None), -np.fmin.reduce(self._apart, axis=None)))
+        largest = abs(float(np.fmax(np.fmax.reduce(self._apart, axis=None), -np.fmin.reduce(self._apart, axis=None))))
         self._largest = largest if self._largest is None else max(largest, self._largest)
 
     @property
@@ -65,10 +71,21 @@ class Silence:
         if self._sees is False and world is not None and world.environment_map is None:
             options = self._about["options"]
             if options.get("camera_path") is not None and options.get("camera_axes", "opencv") == "opencv":
-                return f"{_BLIND}; if the poses of its path look along -z, set `camera_axes` to opengl"
+                return (
+                    f"{_BLIND}; if the poses of its path look along -z, a file for `config` sets camera_axes to opengl"
+                )
             return f"{_BLIND}; expected one that looks at the scene"
         threshold = min(self._about["thresholds"].values())
         if (world is not None and world.moving_s() == 0) or (largest is not None and not largest < threshold):
             return None
+        if (
+            self._brightest is not None
+            and world is not None
+            and self._brightest <= math.log(world.sensor.floor) + _SAME
+        ):
+            return (
+                f"all that the camera sees is darker than the pixels' `floor` of {world.sensor.floor:g}; expected more "
+                "light, or a larger `scale` of the sensor"
+            )
         seen = "" if largest is None else f": the largest change that was seen is {largest:.2g}"
         return f"no pixel's brightness changed by the threshold of {threshold:g}{seen}; `threshold` sets it"

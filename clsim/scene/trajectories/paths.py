@@ -104,7 +104,7 @@ def _header(place: str, header: list[str]) -> tuple[tuple[str, ...], float]:
     """Return the columns by our names, and the unit of time [s]."""
     columns, units = _named(header)
     missing = [name for name in ("t", *_PLACE) if columns.count(name) != 1]
-    if missing:
+    if missing or not units:
         raise InputError(
             f"{place}: its columns are {', '.join(header)[:80]}, expected x, y, z, qx, qy, qz, qw and a time with its "
             "unit, such as time_s or timestamp_us"

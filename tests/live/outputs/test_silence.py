@@ -36,7 +36,7 @@ def test_a_camera_that_sees_nothing(world: World) -> None:
     assert text is not None and text.startswith("the camera sees nothing but a background") and "opengl" not in text
     for axes, is_told in (("opencv", True), ("opengl", False)):
         text = told(0.0, [0.0], world, camera_path="poses.txt", camera_axes=axes)
-        assert text is not None and text.startswith("the camera sees nothing") and ("`camera_axes`" in text) is is_told
+        assert text is not None and text.startswith("the camera sees nothing") and ("camera_axes" in text) is is_told
     assert "the camera sees" not in (told(0.01, [0.0], world) or "")
     assert "the camera sees" not in (told(0.0, [0.0]) or "")  # recorded frames, whose background may be any
 
@@ -53,6 +53,18 @@ def test_brightness_that_changes_by_less_than_the_threshold(world: World, change
         Progress(frames=2, lost_events=1),
     ):
         assert told(0.0, [0.125], world, progress) is None
+
+
+def test_what_is_too_dark_for_the_pixels_is_told(world: World) -> None:
+    silence = Silence(Progress(frames=2), {"thresholds": THRESHOLDS, "options": {}}, world)
+    frame = Frame(np.ones((1, 2, 3), np.float32), ("Coverage",))
+    for _ in range(2):
+        silence.show_frame(frame, np.full((2, 3), np.log(world.sensor.floor), np.float32))
+    assert "darker than the pixels' `floor` of 0.0001" in (silence.told or "")
+
+
+def test_nothing_has_no_sign() -> None:
+    assert "the largest change that was seen is 0;" in (told(1.0, [0.0]) or "")
 
 
 def test_scenes_where_nothing_moves_or_shines_are_not_accused(world: World) -> None:

@@ -80,6 +80,7 @@ def test_every_format_tells_the_same_path(tmp_path: Path, name: str) -> None:
     ("name", "text", "message"),
     [
         ("a.csv", "x,y,z\n1,2,3\n", r"a.csv:1: its columns are x, y, z, expected x, y, z, qx"),
+        ("a.csv", "t,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n", "its columns are t, x, .* a time with its unit"),
         ("a.csv", "time,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,1\n", "a time with its unit"),
         ("a.csv", "t_s,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0\n", r"a.csv:2: got '0,0.*', expected 8 finite numbers"),
         ("a.csv", "0,0,0,0,0,0,0,nan\n", "expected 8 finite numbers"),
