@@ -98,21 +98,23 @@ def read_camera(
     width, height = (b - a for a, b in zip(film.start, film.end, strict=True))
     stretch = (top - bottom) / height / ((right - left) / width)  # of pixels, where the window is not as the film
     shift = ((-left - right) / 2 / (right - left), (bottom + top) / 2 / (top - bottom) * height / width)
-    lens = Lens(principal_point=shift, aspect=round(stretch, 9))
     start, end = (mirror @ matrix @ FLIP_Z for matrix in transforms)  # pbrt looks along +z, clsim along −z
+    x, y, z = np.linalg.norm(start[:3, :3], axis=0).tolist()  # a unit of the camera's, in the world
+    lens = Lens(principal_point=shift, aspect=round(stretch * y / x, 9))
     motion: Motion = Static(facing(start))
     if not np.array_equal(start, end):
         motion = _between(times_s, facing(start), facing(end))
     if orthographic:
         # It sees from −1 to 1 of its own along the shorter side.
-        width_m = float(np.linalg.norm(start[:3, 0])) * (right - left)
+        width_m = x * (right - left)
         if parameters.number("lensradius", 0.0):
             warn("the lens radius of an orthographic camera is left out")
         parameters.tell_unread("camera", warn)
         return Camera(width, height, 45.0, motion, 0.0, replace(lens, model="orthographic", view_width_m=width_m))
-    across = math.tan(math.radians(fov / 2)) * (right - left) / 2  # pbrt's fov is that of the shorter side
+    across = math.tan(math.radians(fov / 2)) * (right - left) / 2 * x / z  # pbrt's fov is that of the shorter side
     if radius := parameters.number("lensradius", 0.0):
-        lens = replace(lens, aperture_radius_m=radius, focus_distance_m=parameters.number("focaldistance", 1e6))
+        focus = parameters.number("focaldistance", 1e6)
+        lens = replace(lens, aperture_radius_m=radius * x, focus_distance_m=focus * z)
     parameters.tell_unread("camera", warn)
     return Camera(width, height, 2 * math.degrees(math.atan(across)), motion, 0.0, lens)
 
