@@ -133,6 +133,32 @@ def _rgb(wavelengths_nm: npt.ArrayLike, values: npt.ArrayLike, light: F64) -> Ve
     return r, g, b
 
 
+ILLUMINANTS: dict[str, tuple[float, float]] = {
+    "stdillum-A": (0.44757, 0.40745),
+    "stdillum-D50": (0.34567, 0.35850),
+    "illum-acesD60": (0.32168, 0.33767),
+    "stdillum-F1": (0.31310, 0.33727),
+    "stdillum-F2": (0.37208, 0.37529),
+    "stdillum-F3": (0.40910, 0.39430),
+    "stdillum-F4": (0.44018, 0.40329),
+    "stdillum-F5": (0.31379, 0.34531),
+    "stdillum-F6": (0.37790, 0.38835),
+    "stdillum-F7": (0.31292, 0.32933),
+    "stdillum-F8": (0.34588, 0.35875),
+    "stdillum-F9": (0.37417, 0.37281),
+    "stdillum-F10": (0.34609, 0.35986),
+    "stdillum-F11": (0.38052, 0.37713),
+    "stdillum-F12": (0.43695, 0.40441),
+}
+"""Chromaticities x and y of usual lamps (CIE 015) by the names that pbrt gives them; D65 is Rec. 709's own white."""
+
+
+def chromaticity_rgb(x: float, y: float) -> Vec3:
+    """Return the colour of a light of luminance 1 and that chromaticity."""
+    r, g, b = np.maximum(XYZ_TO_RGB @ (x / y, 1.0, (1.0 - x - y) / y), 0.0).tolist()
+    return r, g, b
+
+
 EQUAL_ENERGY = rgb_of_light(GRID, np.ones_like(GRID))
 """The colour of light that is as strong at all wavelengths."""
 

@@ -62,6 +62,28 @@ def placed_rigidly(meshes: list[Mesh], index: int, matrix: Matrix) -> tuple[int,
     return len(meshes) - 1, compose(matrix[:3, 3], np.eye(3))
 
 
+def with_corner_uvs(mesh: Mesh, uvs: tuple[tuple[float, float], ...]) -> Mesh:
+    """Return the mesh with the same three texture coordinates for each triangle, whose corners are then its own."""
+    corners = mesh.triangles.ravel()
+    return replace(
+        mesh,
+        vertices=mesh.vertices[corners],
+        triangles=np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
+        normals=None if mesh.normals is None else mesh.normals[corners],
+        uvs=np.tile(np.array(uvs, np.float32), (len(mesh.triangles), 1)),
+        colors=None if mesh.colors is None else mesh.colors[corners],
+    )
+
+
+def facing_as_normals(mesh: Mesh) -> Mesh:
+    """Return the mesh with each triangle turned round that faces away from its normals."""
+    if mesh.normals is None:
+        return mesh
+    a, b, c = np.moveaxis(mesh.vertices.astype(np.float64)[mesh.triangles], 1, 0)
+    away = np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.normals[mesh.triangles].sum(axis=1)) < 0
+    return replace(mesh, triangles=np.where(away[:, None], mesh.triangles[:, ::-1], mesh.triangles))
+
+
 def flipped_v(affine: Matrix) -> tuple[Vec3, Vec3]:
     """Return a 3×3 transform of texture coordinates with v down as the 2×3 one for coordinates with v up."""
     flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])

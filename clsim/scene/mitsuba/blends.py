@@ -1,11 +1,19 @@
-"""Blends of two materials, as Mitsuba's blendbsdf and pbrt's mix are."""
+"""Blends of two materials, as Mitsuba's blendbsdf and pbrt's mix are, and whether there are textures in one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from clsim.scene.world import Material
+
+
+def is_textured(material: Material, materials: Sequence[Material]) -> bool:
+    """Tell whether a material has a texture, or one of ``materials`` of which it is a blend has."""
+    colors = max(material.texture, material.emission_texture, material.opacity_texture, material.blend_texture)
+    if max(colors, material.roughness_texture, material.normal_texture, material.bump_texture) >= 0:
+        return True
+    return material.blend_with >= 0 and is_textured(materials[material.blend_with], materials)
 
 
 def blended(

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene.light.spectra import METALS, blackbody_rgb, rgb_of_light, rgb_of_reflectance
+from clsim.scene.light.spectra import (
+    ILLUMINANTS,
+    METALS,
+    blackbody_rgb,
+    chromaticity_rgb,
+    rgb_of_light,
+    rgb_of_reflectance,
+)
 from clsim.scene.mitsuba.blends import blended
 from clsim.scene.pbrt.tokens import Parameters, file_of
 from clsim.scene.pictures.images import F64, U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
@@ -60,7 +67,7 @@ class MaterialReader:
         self.textures: list[Texture] = []
         self.named: dict[str, Material] = {}
         self._folder, self._warn = folder, warn
-        self._named: dict[str, NamedTexture] = {}
+        self._named: dict[tuple[str, bool], NamedTexture] = {}
         self._indices: dict[Material, int] = {}
         self._images: dict[tuple[Path, bool], U8] = {}
         self._added: dict[tuple[object, ...], int] = {}
@@ -74,40 +81,42 @@ class MaterialReader:
         return self._indices[material]
 
     def add_texture(self, name: str, kind: str, parameters: Parameters, *, number: bool) -> None:
-        """Remember a named texture, of colours or of a ``number``."""
+        """Remember a named texture, of colours or of a ``number``: one name may be that of one of each."""
+        key = name, number
         if kind == "constant":
-            self._named[name] = NamedTexture(self.color(parameters, "value", 1.0))
+            self._named[key] = NamedTexture(self.color(parameters, "value", 1.0))
         elif kind == "scale":
-            inner = self.texture(parameters, "tex", 1.0)
-            factor = self.texture(parameters, "scale", 1.0)
+            inner = self.texture(parameters, "tex", 1.0, number=number)
+            factor = self.texture(parameters, "scale", 1.0, number=True)
             if factor.index >= 0:
                 if inner.index >= 0:
                     self._warn("a texture scaled by another keeps the first alone")
                     factor = NamedTexture(WHITE)
                 inner, factor = (factor, inner) if inner.index < 0 else (inner, factor)
             a, b, c = (x * y for x, y in zip(inner.color, factor.color, strict=True))
-            self._named[name] = NamedTexture((a, b, c), inner.index)
+            self._named[key] = NamedTexture((a, b, c), inner.index)
         elif kind == "imagemap":
-            self._named[name] = self._imagemap(parameters, number)
+            self._named[key] = self._imagemap(parameters, number)
         elif kind == "mix":
-            self._named[name] = self._mixed(parameters)
+            self._named[key] = self._mixed(parameters, number)
         elif kind == "checkerboard":
-            self._named[name] = NamedTexture(WHITE, self._checkerboard(parameters))
+            self._named[key] = NamedTexture(WHITE, self._checkerboard(parameters, number))
         else:
             self._warn(f"the texture {kind} is left out; grey stands in")
-            self._named[name] = NamedTexture((0.5, 0.5, 0.5))
+            self._named[key] = NamedTexture((0.5, 0.5, 0.5))
             return
         parameters.tell_unread(f"texture {kind}", self._warn)
 
-    def texture(self, parameters: Parameters, name: str, default: float) -> NamedTexture:
-        """Return a parameter that may be a texture."""
+    def texture(self, parameters: Parameters, name: str, default: float, *, number: bool = False) -> NamedTexture:
+        """Return a parameter that may be a texture: of colours, or where there is none of them of a ``number``."""
         parameter = parameters.found.find(name)
         if parameter is None or parameter.type != "texture":
             return NamedTexture(self.color(parameters, name, default))
         wanted = parameters.word(name, "")
-        if wanted not in self._named:
+        found = self._named.get((wanted, number)) or self._named.get((wanted, not number))
+        if found is None:
             raise InputError(f"{parameter.place}: there is no texture {wanted!r} before this")
-        return self._named[wanted]
+        return found
 
     def color(self, parameters: Parameters, name: str, default: float, *, emits: bool = False) -> Vec3:
         """Return a colour parameter: rgb, a spectrum or a number; spectra of lights are taken as they are."""
@@ -135,8 +144,10 @@ class MaterialReader:
             return METALS[parts[1]][0 if parts[2] == "eta" else 1]
         if name in GLASSES:
             return (GLASSES[name],) * 3
-        if name.startswith(("stdillum", "illum")):
+        if name == "stdillum-D65":
             return WHITE
+        if name in ILLUMINANTS:
+            return chromaticity_rgb(*ILLUMINANTS[name])
         if name.endswith(".spd"):
             path = file_of(place, name, self._folder)
             try:
@@ -179,10 +190,10 @@ class MaterialReader:
             )
         return NamedTexture(WHITE if inverted is not None else (factor,) * 3, self._added[key])
 
-    def _mixed(self, parameters: Parameters) -> NamedTexture:
+    def _mixed(self, parameters: Parameters, number: bool) -> NamedTexture:
         """Return a mix of two textures, of which one image at most is part."""
-        names = (("tex1", 0.0), ("tex2", 1.0), ("amount", 0.5))
-        parts = [self.texture(parameters, name, default) for name, default in names]
+        names = (("tex1", 0.0, number), ("tex2", 1.0, number), ("amount", 0.5, True))
+        parts = [self.texture(parameters, name, default, number=alone) for name, default, alone in names]
         indices = {part.index for part in parts if part.index >= 0}
         image = self.textures[max(indices)] if indices else None
         if len(indices) > 1 or not isinstance(image, ImageTexture | None):
@@ -198,11 +209,11 @@ class MaterialReader:
         pixels = np.concatenate([encode_srgb8(light), image.pixels[..., 3:]], axis=2)
         return NamedTexture(WHITE, self._append(replace(image, pixels=pixels, srgb=True)))
 
-    def _checkerboard(self, parameters: Parameters) -> int:
+    def _checkerboard(self, parameters: Parameters, number: bool) -> int:
         """Return a checkerboard as an image of four texels that spans two squares each way."""
         if parameters.number("dimension", 2) != 2:
             self._warn("checkerboards of three dimensions are mapped by u and v alone")
-        first, second = self.texture(parameters, "tex1", 1.0), self.texture(parameters, "tex2", 0.0)
+        first, second = (self.texture(parameters, f"tex{k}", 2.0 - k, number=number) for k in (1, 2))
         if first.index >= 0 or second.index >= 0:
             self._warn("textures inside a checkerboard are left out")
         a, b = ((*encode_srgb8(texture.color).tolist(), 255) for texture in (first, second))
@@ -231,7 +242,7 @@ class MaterialReader:
         """Return the material with the alpha that a shape gives it."""
         if "alpha" not in parameters.found:
             return material
-        alpha = self.texture(parameters, "alpha", 1.0)
+        alpha = self.texture(parameters, "alpha", 1.0, number=True)
         if alpha.index < 0:
             return replace(material, alpha_mode="blend", opacity=min(max(alpha.color[0], 0.0), 1.0))
         image = self.textures[alpha.index]
@@ -292,7 +303,7 @@ class MaterialReader:
         if told is None or len(told.words) != 2:
             raise InputError(f"{parameters.place}: a mix has no two materials, expected their names")
         first, second = (self.by_name(name, told.place) for name in told.words)
-        amount = self.texture(parameters, "amount", 0.5)
+        amount = self.texture(parameters, "amount", 0.5, number=True)
         share = min(max(amount.color[0], 0.0), 1.0)
         return blended(first, second, share, amount.index, self.index, self._warn)
 
@@ -323,7 +334,9 @@ class MaterialReader:
         if textured:
             if len(textured) > 1:
                 self._warn("of two textures of roughness the first is used")
-            return replace(material, **self._roughness(self.texture(parameters, textured[0], 0.0), remapped))
+            return replace(
+                material, **self._roughness(self.texture(parameters, textured[0], 0.0, number=True), remapped)
+            )
         whole = parameters.number(names[0], 0.0)
         across = [max(parameters.number(name, whole), 0.0) for name in names[1:]]
         along_u, along_v = (min(math.sqrt(each) if remapped else each, 1.0) for each in across)

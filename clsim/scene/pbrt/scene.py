@@ -7,7 +7,6 @@ pbrt's world is left-handed: everything is mirrored in z on the way, unless the 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,16 +15,17 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.defaults.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
+from clsim.scene.meshes.geometry import with_corner_uvs
+from clsim.scene.mitsuba.blends import is_textured
 from clsim.scene.motion import Matrix, compose, look_at
 from clsim.scene.pbrt.lights import InMirror, light_color, read_environment, read_punctual
 from clsim.scene.pbrt.materials import MaterialReader
 from clsim.scene.pbrt.places import FLIP_Z, Film, Pair, Placed, read_camera, read_film, read_instance
-from clsim.scene.pbrt.shapes import read_shape
-from clsim.scene.pbrt.tokens import Parameters, Tokens, fail
+from clsim.scene.pbrt.shapes import DEFAULT_UVS, read_shape
+from clsim.scene.pbrt.tokens import Parameters, Tokens, fail, is_old
 from clsim.scene.rigid import rotation_about
 from clsim.scene.world import EnvironmentMap, Material, Mesh, Vec3, World
 
-_TAIL_BYTES = 1 << 16
 MAX_STACK = 10_000
 MAX_INSTANCES = 1_000_000
 IGNORED = (
@@ -59,24 +59,13 @@ def load_pbrt(path: Path) -> World:
     try:
         reader.read()
     except InputError as error:
-        if _is_old(path):
+        if is_old(path):
             raise InputError(
                 f"{path}: is a scene of pbrt's version 3 or before, as its WorldEnd shows; expected version 4, to "
                 "which pbrt-v4 turns it with --upgrade"
             ) from error
         raise
     return reader.world()
-
-
-def _is_old(path: Path) -> bool:
-    """Tell whether a file has the directive that version 4 has left out; it stands at its end."""
-    try:
-        with path.open("rb") as file:
-            file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
-            tail = file.read(_TAIL_BYTES)
-    except OSError:
-        return False
-    return re.search(rb"(?m)^\s*WorldEnd\b", tail) is not None
 
 
 class _Reader:
@@ -108,7 +97,13 @@ class _Reader:
 
     def read(self) -> None:
         """Follow all directives."""
-        while self.tokens.peek() is not None:
+        self._follow(0)
+        if self.stack or self.object is not None:
+            raise InputError(f"{self.tokens.last}: the file ends within a block that something has begun")
+
+    def _follow(self, depth: int) -> None:
+        """Follow the directives of files that are included deeper than that."""
+        while self.tokens.peek() is not None and self.tokens.depth > depth:
             token = self.tokens.take()
             if token.quoted or token.numbers is not None:
                 fail(token, "a directive such as Shape")
@@ -120,8 +115,6 @@ class _Reader:
                 self.tokens.parameters()
             else:
                 fail(token, "a directive such as Shape")
-        if self.stack or self.object is not None:
-            raise InputError(f"{self.tokens.last}: the file ends within a block that something has begun")
 
     # Transforms
 
@@ -201,13 +194,7 @@ class _Reader:
             raise InputError(f"{self.tokens.last}: ends a block that nothing has begun")
         self.state = self.stack.pop()
 
-    def _do_TransformBegin(self) -> None:  # noqa: N802
-        self._do_AttributeBegin()
-
-    def _do_TransformEnd(self) -> None:  # noqa: N802
-        inner = self.state
-        self._do_AttributeEnd()
-        self.state = replace(inner, transform=self.state.transform, active=self.state.active)
+    _do_TransformBegin, _do_TransformEnd = _do_AttributeBegin, _do_AttributeEnd  # noqa: N815 (the same in version 4)
 
     def _do_ObjectBegin(self) -> None:  # noqa: N802
         name = self.tokens.string()
@@ -255,7 +242,10 @@ class _Reader:
         self.tokens.include(name, self.tokens.last)
 
     def _do_Import(self) -> None:  # noqa: N802
+        state, depth = self.state, self.tokens.depth
         self._do_Include()
+        self._follow(depth)
+        self.state = state
 
     def _do_ColorSpace(self) -> None:  # noqa: N802
         name = self.tokens.string()
@@ -320,16 +310,28 @@ class _Reader:
             normals = None if mesh.normals is None else -mesh.normals
             mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]), normals=normals)
         material = self.materials.opacity(self.state.material, parameters)
-        if self.state.emission is not None and any(self.state.emission):
-            if material.opacity == 0 and self.state.material.opacity > 0:
+        if (emission := self._emission()) is not None:
+            if material.opacity == 0:
                 self._warn("lamps whose alpha is 0 are seen")  # in pbrt they shine all the same, and are not seen
                 material = self.state.material
-            material = replace(material, emission=self.state.emission, emits_behind=self.state.emission_two_sided)
+            material = replace(material, emission=emission, emits_behind=self.state.emission_two_sided)
+        if mesh.uvs is None and is_textured(material, self.materials.materials):
+            mesh = with_corner_uvs(mesh, DEFAULT_UVS)
         ids = np.full(len(mesh.triangles), self.materials.index(material), np.int32)
         placed = Placed(len(self.meshes), self.state.transform)
         self.meshes.append(replace(mesh, material_ids=ids))
         parameters.tell_unread(kind, self._warn)
         (self.placed if self.object is None else self.object).append(placed)
+
+    def _emission(self) -> Vec3 | None:
+        """Return what a shape emits: as in pbrt, nothing without a surface, nor within an object."""
+        emission = self.state.emission
+        if emission is None or not any(emission) or self.state.material.opacity == 0:
+            return None
+        if self.object is not None:
+            self._warn("area lights within objects do not shine, as in pbrt")
+            return None
+        return emission
 
     def _do_LightSource(self) -> None:  # noqa: N802
         kind = self.tokens.string()
@@ -346,6 +348,7 @@ class _Reader:
                 if self.environment_image is not None:
                     self._warn("of several infinite lights with images the last is used")
                 self.environment_image = image
+            parameters.tell_unread("light infinite", self._warn)
             return
         light = read_punctual(kind, self.materials, parameters, matrix)
         if light is None:

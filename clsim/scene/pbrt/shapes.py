@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.scene.meshes.geometry import smooth_normals
+from clsim.scene.meshes.geometry import facing_as_normals, joined, smooth_normals
 from clsim.scene.meshes.trimesh_scene import load_triangles
 from clsim.scene.motion import Matrix
 from clsim.scene.pbrt.tokens import Parameters, file_of
@@ -20,6 +20,12 @@ from clsim.scene.world import F32, Mesh
 
 F64 = npt.NDArray[np.float64]
 SEGMENTS = 64
+DEFAULT_UVS = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
+"""Texture coordinates of the corners of a triangle that has none of its own."""
+CURVED = 8
+"""How finely a patch is divided that is not flat, along each side, where there are few of them."""
+MAX_CELLS = 1 << 20
+"""Into how many parts all curved patches of a mesh are divided."""
 
 
 def read_shape(kind: str, parameters: Parameters, folder: Path, warn: Callable[[str], None]) -> Mesh | None:
@@ -32,12 +38,14 @@ def read_shape(kind: str, parameters: Parameters, folder: Path, warn: Callable[[
         warn(f"the displacement of a {kind} is left out")
     if kind == "plymesh":
         mesh = load_triangles(file_of(parameters.place, parameters.word("filename", ""), folder))
-        return mesh
-    if kind in ("trianglemesh", "bilinearmesh"):
-        return _triangles(kind, parameters)
+        return facing_as_normals(mesh)
+    if kind == "trianglemesh":
+        return facing_as_normals(_mesh(*_told(kind, parameters, 3)))
+    if kind == "bilinearmesh":
+        return facing_as_normals(_patches(*_told(kind, parameters, 4)))
     if kind == "loopsubdiv":
         warn("a loopsubdiv is not subdivided: it gets smooth normals instead")
-        return smooth_normals(_triangles(kind, parameters))
+        return smooth_normals(_mesh(*_told(kind, parameters, 3)))
     if kind in ("sphere", "disk", "cylinder"):
         return _round(kind, parameters)
     warn(f"shapes of type {kind} are left out")
@@ -87,11 +95,11 @@ def _turned(profile: F64, normals: F64, phi_max: float) -> Mesh:
     return _mesh(points, np.concatenate([lower, upper]), away, np.stack([u.ravel(), v.ravel()], axis=1))
 
 
-def _triangles(kind: str, parameters: Parameters) -> Mesh:
+def _told(kind: str, parameters: Parameters, corners: int) -> tuple[F64, F64, F64 | None, F64 | None]:
+    """Return points, faces of so many corners, normals and texture coordinates."""
     points = parameters.rows(3, "P")
     if points is None or not len(points):
         raise InputError(f"{parameters.place}: the {kind} has no P")
-    corners = 4 if kind == "bilinearmesh" else 3
     faces = parameters.rows(corners, "indices")
     if faces is None:
         if len(points) != corners:
@@ -100,16 +108,51 @@ def _triangles(kind: str, parameters: Parameters) -> Mesh:
     if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
         wrong = faces[(faces < 0) | (faces >= len(points))][0]
         raise InputError(f"{parameters.place}: indices has {wrong:g}, expected 0 to {len(points) - 1}")
-    if corners == 4:  # a patch's corners run row by row
-        faces = np.concatenate([faces[:, (0, 1, 3)], faces[:, (0, 3, 2)]])
     normals, uvs = parameters.rows(3, "N"), parameters.rows(2, "uv", "st")
     for name, rows in (("N", normals), ("uv", uvs)):
         if rows is not None and len(rows) != len(points):
             raise InputError(f"{parameters.place}: {name} has {len(rows)} rows for {len(points)} points")
-    if normals is not None:
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        normals = np.where(lengths > 1e-12, normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0))
-    return _mesh(points, faces, normals, uvs)
+    return points, faces, None if normals is None else _unit(normals), uvs
+
+
+def _patches(points: F64, faces: F64, normals: F64 | None, uvs: F64 | None) -> Mesh:
+    """Return bilinear patches, whose corners run row by row: two triangles each, or a grid where one is curved."""
+    rows = faces.astype(np.int64)
+    a, b, c, d = np.moveaxis(points[rows], 1, 0)
+    across = np.cross(b - a, c - a)
+    side = np.maximum(np.linalg.norm(b - a, axis=1), np.linalg.norm(c - a, axis=1))
+    curved = np.abs(np.sum((d - a) * across, axis=1)) > 0.01 * side * np.linalg.norm(across, axis=1)
+    steps = max(min(CURVED, math.isqrt(MAX_CELLS // max(int(curved.sum()), 1))), 1)
+    parts = [(rows[~curved], 1), (rows[curved], steps)]
+    return joined([_grids(points, part, normals, uvs, count) for part, count in parts if len(part)])
+
+
+def _grids(points: F64, rows: npt.NDArray[np.int64], normals: F64 | None, uvs: F64 | None, steps: int) -> Mesh:
+    """Return patches in so many steps along each side; u and v are their parameters unless told."""
+    v, u = (each.ravel() for each in np.meshgrid(*[np.linspace(0, 1, steps + 1)] * 2, indexing="ij"))
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+
+    def between(values: F64) -> F64:
+        return np.asarray((weights @ values[rows]).reshape(-1, values.shape[1]))
+
+    if normals is None:
+        a, b, c, d = np.moveaxis(points[rows], 1, 0)[:, :, None]
+        along_u, along_v = ((1 - s) * p + s * q for s, p, q in ((v[:, None], b - a, d - c), (u[:, None], c - a, d - b)))
+        facing = np.cross(along_u, along_v).reshape(-1, 3)
+    else:
+        facing = between(normals)
+    told = np.tile(np.stack([u, v], axis=1), (len(rows), 1)) if uvs is None else between(uvs)
+    j, i = np.meshgrid(np.arange(steps), np.arange(steps))
+    first = (i * (steps + 1) + j).ravel()
+    cells = np.stack([first, first + 1, first + steps + 2, first, first + steps + 2, first + steps + 1], axis=1)
+    starts = np.arange(len(rows))[:, None, None] * len(u)
+    return _mesh(between(points), (starts + cells).reshape(-1, 3), _unit(facing), told)
+
+
+def _unit(normals: F64) -> F64:
+    """Return normals of length 1; those without a direction point up."""
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(lengths > 1e-12, normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0))
 
 
 def _mesh(points: F64, faces: npt.ArrayLike, normals: F64 | None, uvs: F64 | None) -> Mesh:

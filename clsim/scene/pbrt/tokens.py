@@ -17,6 +17,7 @@ from clsim.scene.files import named_file
 from clsim.values import read_text
 
 MAX_BYTES = 512 << 20
+_TAIL_BYTES = 1 << 16
 MAX_INCLUDES = 1000
 MAX_INCLUDE_DEPTH = 32
 TOKEN = re.compile(r'[ \t\r\n]+|#[^\n]*|"(?:\\.|[^"\\\n])*"|[\[\]]|[^\s"#\[\]]+')
@@ -52,6 +53,11 @@ class Tokens:
         self._next: Token | None = None
         self._includes = 0
         self.last = f"{path}:1"
+
+    @property
+    def depth(self) -> int:
+        """How many files are open: one, and those that it includes."""
+        return len(self._stack)
 
     def peek(self) -> Token | None:
         """Return the next token without taking it; None at the end."""
@@ -208,6 +214,17 @@ class Parameters:
                     )
                 return parameter.numbers.reshape(-1, width)
         return None
+
+
+def is_old(path: Path) -> bool:
+    """Tell whether a file has the directive that version 4 has left out; it stands at its end."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
+            tail = file.read(_TAIL_BYTES)
+    except OSError:
+        return False
+    return re.search(rb"(?m)^\s*WorldEnd\b", tail) is not None
 
 
 def file_of(place: str, name: str, folder: Path) -> Path:

@@ -133,9 +133,8 @@ def test_what_is_smooth_along_one_tangent_alone_is_nearly_so(tmp_path, u, v):
     assert along == pytest.approx([math.sqrt(each) or 0.001 for each in (u, v)])
 
 
-@pytest.mark.parametrize("name", ["stdillum-D65", "illum-acesD60"])
-def test_light_of_a_named_illuminant_is_white(tmp_path, name):
-    world = load(tmp_path, f'LightSource "point" "spectrum I" "{name}" "float scale" 3 ' + TRIANGLE)
+def test_light_of_day_is_white(tmp_path):
+    world = load(tmp_path, 'LightSource "point" "spectrum I" "stdillum-D65" "float scale" 3 ' + TRIANGLE)
     assert world.punctual_lights[0].intensity == (3, 3, 3) and world.warnings == ()
 
 
