@@ -15,6 +15,8 @@ from clsim.scene.rigid import mirrors
 from clsim.scene.world import Camera, Lens
 
 FULL_FRAME_MM = (36.0, 24.0)
+FAR_CLIP = 10_000.0
+"""As far as Mitsuba's cameras see unless told, and where a lens is sharp then."""
 
 
 def read_sensor(sensor: Plugin) -> Camera:
@@ -50,7 +52,7 @@ def _lens(sensor: Plugin, width: int, height: int) -> Lens:
         distortion = tuple(numbers(sensor.place, sensor.get("kc", ""), (2,)))
     return Lens(
         aperture_radius_m=sensor.get("aperture_radius", 0.0) if thin else 0.0,
-        focus_distance_m=sensor.get("focus_distance", 1.0) if thin else 1.0,
+        focus_distance_m=sensor.get("focus_distance", sensor.get("far_clip", FAR_CLIP)) if thin else 1.0,
         distortion=distortion,
         # Mitsuba shifts the film, clsim the optical centre upon it.
         principal_point=(
