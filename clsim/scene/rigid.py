@@ -100,6 +100,14 @@ def _unit(axis: Matrix, least: float = 0.0) -> Matrix | None:
     return np.asarray(scaled / np.linalg.norm(scaled))
 
 
+def across(axis: Matrix) -> Matrix:
+    """Return a unit vector at right angles to an axis, the one that Mitsuba takes (Duff et al., JCGT 2017)."""
+    x, y, z = axis / np.linalg.norm(axis)
+    sign = np.copysign(1.0, z)
+    share = -x / (sign + z)
+    return np.array((1.0 + sign * x * share, sign * y * share, -sign * x))
+
+
 def quaternion_of(rotation: Matrix) -> Quaternion:
     """Return the quaternion x, y, z, w of a 3×3 rotation, by its largest component (Shepperd, JGC 1978)."""
     m, trace = rotation, float(np.trace(rotation))

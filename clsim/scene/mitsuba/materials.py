@@ -15,7 +15,7 @@ from clsim.scene.light.spectra import GLASSES, METALS
 from clsim.scene.mitsuba.blends import blended
 from clsim.scene.mitsuba.principled import LEAST_ALPHA, read_principled
 from clsim.scene.mitsuba.textures import WHITE, TextureReader, luminance
-from clsim.scene.mitsuba.values import Color
+from clsim.scene.mitsuba.values import Color, shown
 from clsim.scene.mitsuba.xml import Plugin
 from clsim.scene.world import Material, Vec3, scaled
 
@@ -184,7 +184,7 @@ class MaterialReader:
         outside = self._index(bsdf, "ext_eta", 1.0) if "ext_eta" in bsdf.values else 1.0
         metal = Material(kind="conductor", color=WHITE, back="black", specular_color=specular)
         name = bsdf.get("material", "Cu" if self._legacy else "none")
-        if "eta" in bsdf.values or "k" in bsdf.values:
+        if any(each in bsdf.values or bsdf.child(each) is not None for each in ("eta", "k")):
             eta, _ = self.textures.color(bsdf, "eta", 0.0, plain=True)
             k, _ = self.textures.color(bsdf, "k", 1.0, plain=True)
         elif name.lower() == "none":
@@ -319,7 +319,7 @@ class MaterialReader:
         if isinstance(value, Color):
             value = value.rgb[1]
         if not isinstance(value, float) or not value > 0:
-            raise InputError(f"{bsdf.place}: {name} is {value!r}, expected a positive number")
+            raise InputError(f"{bsdf.place}: {name} is {shown(value)}, expected a positive number")
         return value
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.meshes.geometry import is_similarity
+from clsim.scene.mitsuba.values import shown
 from clsim.scene.mitsuba.xml import Animation, Plugin
 from clsim.scene.motion import Keyframes, Matrix, Motion, Static, compose
 from clsim.scene.rigid import facing, quaternion_of, stretch_of, without_scale
@@ -54,7 +55,7 @@ def _transforms(plugin: Plugin) -> Animation:
     if isinstance(value, Animation):
         return value
     if not isinstance(value, np.ndarray) or value.shape != (4, 4):
-        raise InputError(f"{plugin.place}: to_world is {value!r}, expected a transform")
+        raise InputError(f"{plugin.place}: to_world is {shown(value)}, expected a transform")
     return Animation((0.0,), (value,))
 
 

@@ -21,8 +21,8 @@ from clsim.scene.mitsuba.daylight import KINDS, read_daylight, scales, sun_deg
 from clsim.scene.mitsuba.materials import MaterialReader
 from clsim.scene.mitsuba.places import ahead, placed, start_of
 from clsim.scene.mitsuba.sensors import read_sensor
-from clsim.scene.mitsuba.shapes import read_shape
-from clsim.scene.mitsuba.values import Color, file_of
+from clsim.scene.mitsuba.shapes import is_turned, read_shape
+from clsim.scene.mitsuba.values import Color, file_of, shown
 from clsim.scene.mitsuba.xml import Plugin, read_scene
 from clsim.scene.motion import Matrix, Motion, Nested, Static, compose, look_at
 from clsim.scene.pictures.images import PixelBudget, read_linear
@@ -142,7 +142,7 @@ class _Reader:
             self.meshes.append(mesh)
 
     def _mesh(self, shape: Plugin, linear: Matrix, emitter: Plugin | None = None) -> Mesh | None:
-        mesh = read_shape(shape, self.folder, linear)
+        mesh = read_shape(shape, self.folder, linear, legacy=self.legacy)
         if mesh is None:
             self._warn(f"shapes of type {shape.type} are left out")
             shape.pass_over()
@@ -169,8 +169,8 @@ class _Reader:
         """Add a sphere that glows evenly as the light it is; tell whether it could be done."""
         if shape.type != "sphere" or emitter.type != "area" or emitter.child("radiance") is not None:
             return False
-        linear = start_of(shape)[:3, :3]  # mirrored, a sphere is one
-        if not (is_similarity(linear) or is_similarity(-linear)) or shape.get("flip_normals", False):
+        linear = start_of(shape)[:3, :3]
+        if not (is_similarity(linear) or is_similarity(-linear)) or is_turned(shape, linear, self.legacy):
             return False
         scale = float(np.linalg.norm(linear[:, 0]))
         center = compose(stretch[:3, :3] @ shape.get("center", np.zeros(3)), np.eye(3))
@@ -293,7 +293,7 @@ def _radiance(plugin: Plugin, name: str) -> Vec3:
     if isinstance(value, float):
         value = Color((value, value, value))
     if not isinstance(value, Color):
-        raise InputError(f"{plugin.place}: {plugin.type}.{name} is {value!r}, expected a colour")
+        raise InputError(f"{plugin.place}: {plugin.type}.{name} is {shown(value)}, expected a colour")
     scale = plugin.get("scale", 1.0)
     r, g, b = (max(channel * scale, 0.0) for channel in value.rgb)
     return r, g, b

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.scene.meshes.geometry import smooth_normals, transformed
+from clsim.scene.meshes.geometry import smooth_normals, transformed, with_corner_uvs
 from clsim.scene.meshes.trimesh_scene import load_triangles
 from clsim.scene.mitsuba.values import file_of
 from clsim.scene.mitsuba.xml import Plugin
@@ -19,12 +19,20 @@ from clsim.scene.motion import Matrix, look_at
 from clsim.scene.world import Mesh
 
 F64 = npt.NDArray[np.float64]
+CORNER_UVS = ((0.0, 1.0), (1.0, 1.0), (0.0, 0.0))
+"""Texture coordinates, v up, of the corners of a triangle that has none of its own."""
 SEGMENTS = 64
 """How finely round shapes are divided around."""
 MAX_UNPACKED = 1 << 30
 
 
-def read_shape(shape: Plugin, root: Path, linear: Matrix) -> Mesh | None:
+def is_turned(shape: Plugin, linear: Matrix, legacy: bool) -> bool:
+    """Tell whether a shape faces the other way: also a sphere that a 3×3 matrix mirrors does, since version 3."""
+    mirrored = shape.type == "sphere" and not legacy and float(np.linalg.det(linear)) < 0
+    return bool(shape.get("flip_normals", False)) != mirrored
+
+
+def read_shape(shape: Plugin, root: Path, linear: Matrix, *, legacy: bool) -> Mesh | None:
     """Return a shape's mesh with a 3×3 matrix applied; None where clsim lacks the shape.
 
     A mirror leaves the order of a file's vertices as it is and so turns it inside out, as in Mitsuba, unless the file
@@ -56,17 +64,25 @@ def read_shape(shape: Plugin, root: Path, linear: Matrix) -> Mesh | None:
     else:
         return None
     bare = shape.type in ("obj", "ply", "serialized") and mesh.normals is None
-    mesh = transformed(mesh, linear)
-    if bare and np.linalg.det(linear) < 0:
+    mesh, mirrored = transformed(mesh, linear), float(np.linalg.det(linear)) < 0
+    if bare and mirrored:
         mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]))
     if faceted:
         mesh = replace(mesh, normals=None)
     elif bare:
         mesh = smooth_normals(mesh)
-    if shape.get("flip_normals", False):
+    turned = is_turned(shape, linear, legacy)
+    if turned:
         normals = None if mesh.normals is None else -mesh.normals
         mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]), normals=normals)
+    if mesh.uvs is None and _has_texture(shape):
+        backwards = turned != (mirrored and not bare)
+        mesh = with_corner_uvs(mesh, CORNER_UVS[::-1] if backwards else CORNER_UVS)
     return mesh
+
+
+def _has_texture(plugin: Plugin) -> bool:
+    return any(child.kind == "texture" or _has_texture(child) for child in plugin.children)
 
 
 def read_serialized(path: Path, index: int) -> tuple[Mesh, bool]:

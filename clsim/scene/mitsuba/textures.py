@@ -10,7 +10,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.meshes.geometry import flipped_v
-from clsim.scene.mitsuba.values import Color, file_of
+from clsim.scene.mitsuba.values import Color, file_of, shown
 from clsim.scene.mitsuba.xml import Plugin
 from clsim.scene.motion import Matrix
 from clsim.scene.pictures.images import (
@@ -64,7 +64,7 @@ class TextureReader:
         if isinstance(value, float):
             return (value, value, value), -1
         if not isinstance(value, Color):
-            raise InputError(f"{plugin.place}: {plugin.type}.{name} is {value!r}, expected a colour")
+            raise InputError(f"{plugin.place}: {plugin.type}.{name} is {shown(value)}, expected a colour")
         return value.rgb, -1
 
     def light(self, plugin: Plugin) -> tuple[Vec3, int]:
@@ -126,7 +126,8 @@ class TextureReader:
             self._warn(f"the texture {plugin.type} is left out; grey stands in")
             return self._add(("grey",), lambda: CheckerTexture((0.5, 0.5, 0.5), (0.5, 0.5, 0.5)))
         path = file_of(plugin.place, plugin.get("filename", ""), self._folder)
-        linear = raw or plugin.get("raw", False) or plugin.get("gamma", 0.0) == 1.0
+        told = plugin.get("raw", False), plugin.get("gamma", 0.0) == 1.0
+        linear = raw or any(told)
         wrap = plugin.get("wrap_mode", "repeat")
         wraps = [plugin.get(name, wrap).lower() for name in ("wrap_mode_u", "wrap_mode_v")]
         if any(name not in WRAPS for name in wraps):

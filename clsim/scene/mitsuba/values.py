@@ -13,7 +13,7 @@ from clsim.errors import InputError
 from clsim.scene.files import named_file
 from clsim.scene.light.spectra import EQUAL_ENERGY, blackbody_radiance, blackbody_rgb, rgb_of_light, rgb_of_reflectance
 from clsim.scene.pictures.images import decode_srgb
-from clsim.scene.world import Vec3
+from clsim.scene.world import Vec3, scaled
 
 
 @dataclass
@@ -98,7 +98,7 @@ def _named_spectrum(element: Element, kind: str, setting: Setting) -> Vec3:
     convert = rgb_of_light if setting.emits else rgb_of_reflectance
     if kind in ("d65", "uniform"):  # the white that all colours are balanced to
         value = numbers(place, own.get("value", own.get("scale", "1")), (1,))[0]
-        return value, value, value
+        return scaled(_color(place, "rgb", own.get("color", "1")), value)
     if kind == "blackbody":
         return blackbody_radiance(_temperature(place, own.get("temperature", "")))
     if kind in ("regular", "irregular"):
@@ -148,6 +148,15 @@ def _color(place: str, tag: str, text: str) -> Vec3:
         found = decode_srgb(found).tolist()
     r, g, b = found if len(found) == 3 else found * 3
     return r, g, b
+
+
+def shown(value: Any) -> str:
+    """Return what a property is, on one line."""
+    if isinstance(value, str | float | bool):
+        return repr(value)
+    if isinstance(value, Color):
+        return "a colour"
+    return "a point" if np.shape(value) == (3,) else "a transform"
 
 
 def numbers(place: str, text: str, counts: tuple[int, ...]) -> list[float]:

@@ -16,9 +16,9 @@ from xml.parsers import expat
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene.mitsuba.values import Element, Setting, file_of, numbers, value_of
+from clsim.scene.mitsuba.values import Element, Setting, file_of, numbers, shown, value_of
 from clsim.scene.motion import Matrix, look_at
-from clsim.scene.rigid import rotation_about
+from clsim.scene.rigid import across, rotation_about
 
 MAX_BYTES = 64 << 20
 MAX_DEPTH = 64
@@ -103,16 +103,17 @@ class Plugin:
         else:
             right = default is None or isinstance(value, type(default))
         if not right:
-            raise InputError(f"{self.place}: {self.type}.{name} is {value!r}, expected a {type(default).__name__}")
+            raise InputError(f"{self.place}: {self.type}.{name} is {shown(value)}, expected a {type(default).__name__}")
         return value
 
     def child(self, name: str) -> Plugin | None:
         """Return the object that stands for a parameter."""
+        self.values.asked.add(name)
         return next((child for child in self.children if child.name == name), None)
 
     def pass_over(self) -> None:
         """Take all properties as read: the object is left out, and that was told."""
-        self.values.asked.update(self.values)
+        self.values.asked.update(self.values, (child.name for child in self.children))
 
     def unread(self) -> Iterator[str]:
         """Yield what was not read of the properties of this object and those inside, once for each type and name."""
@@ -121,11 +122,15 @@ class Plugin:
             if name not in self.values.asked | HARMLESS and not name.endswith("_sampling_rate"):
                 yield f"the {name} of a {self.type} {self.kind} is left out"
         for child in self.children:
+            if told and child.kind == "texture" and child.name not in self.values.asked:
+                yield f"the texture {child.name or 'without a name'} of a {self.type} {self.kind} is left out"
             yield from child.unread()
 
     def of_kind(self, *kinds: str) -> list[Plugin]:
         """Return the objects inside of some kinds."""
-        return [child for child in self.children if child.kind in kinds]
+        found = [child for child in self.children if child.kind in kinds]
+        self.values.asked.update(child.name for child in found)
+        return found
 
 
 class Parameters(dict[str, str]):
@@ -210,13 +215,21 @@ def _parse(path: Path) -> Element:
     return top[0]
 
 
+def _within(element: Element) -> Iterator[Element]:
+    """Yield the objects of a type inside an element, those of the scene's own first."""
+    objects = [child for child in element.children if "type" in child.attributes]
+    yield from objects
+    for each in objects:
+        yield from _within(each)
+
+
 class _Reader:
     """Turns elements into plugins: parameters filled in, files included, references resolved."""
 
     def __init__(self, folder: Path, legacy: bool, scene: Element) -> None:
         self.root, self.legacy = folder, legacy
         self.named: dict[str, Plugin] = {}
-        self.later = {child.attributes["id"]: child for child in scene.children if "id" in child.attributes}
+        self.later = {child.attributes["id"]: child for child in _within(scene) if "id" in child.attributes}
         self.searched: list[Path] = []
         self.includes = 0
 
@@ -365,9 +378,9 @@ def _step(element: Element, attributes: dict[str, str]) -> Matrix:
         matrix[:3, :3] = rotation_about(axis, float(angle))
     elif element.tag in ("lookat", "look_at", "lookAt"):
         origin, target = (numbers(place, attributes.get(key, ""), (3,)) for key in ("origin", "target"))
-        up = numbers(place, attributes.get("up", "0, 1, 0"), (3,))
         if np.allclose(origin, target):
             raise InputError(f"{place}: looks at its own origin")
+        up = numbers(place, attributes["up"], (3,)) if "up" in attributes else across(np.subtract(target, origin))
         # Mitsuba looks along +z with x to the left
         matrix = look_at(origin, target, up) @ np.diag((-1.0, 1.0, -1.0, 1.0))
     else:

@@ -77,6 +77,7 @@ BOMB = "".join(f'<default name="a{k}" value="$a{k - 1}$a{k - 1}"/>' for k in ran
             whole('<shape type="sphere"><string name="radius" value="1"/></shape>'),
             "expected a float",
         ),
+        (whole('<shape type="sphere"><transform name="radius"/></shape>'), "radius is a transform, expected a float"),
         (
             whole('<shape type="sphere"><float name="radius" value="-1"/></shape>'),
             "radius is -1",

@@ -89,6 +89,7 @@ def our_ray(camera, x, y):
         '<float name="principal_point_offset_y" value="-0.2"/>',
         '<float name="fov" value="40"/><transform name="to_world"><lookat origin="1,2,3" target="-4,0,2" up="0,1,0.2"/>'
         "</transform>",
+        '<float name="fov" value="40"/><transform name="to_world"><lookat origin="1,2,3" target="-4,0,2"/></transform>',
     ],
 )
 def test_cameras_send_the_same_rays(tmp_path, size, sensor):

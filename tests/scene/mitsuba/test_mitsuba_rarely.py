@@ -1,0 +1,108 @@
+"""What Mitsuba 3 does where few look, in numbers that it gives itself or that follow from its documents."""
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from clsim.scene.mitsuba.scene import load_mitsuba
+from tests.scene.mitsuba.mitsuba_files import TRIANGLE, load, material, scene
+
+SPHERE = '<shape type="sphere">{}<emitter type="area"/></shape>'
+MIRROR = '<transform name="to_world"><scale x="-2" y="2" z="2"/></transform>'
+FLIP = '<boolean name="flip_normals" value="true"/>'
+
+
+def camera(tmp_path, sensor):
+    return load_mitsuba(scene(tmp_path, sensor + '<shape type="cube"/>')).camera
+
+
+@pytest.mark.parametrize(("told", "focus_m"), [("", 10_000), ('<float name="far_clip" value="70"/>', 70)])
+def test_a_thin_lens_is_sharp_where_its_sight_ends_unless_told(tmp_path, told, focus_m):
+    lens = '<float name="aperture_radius" value="0.1"/>'
+    sensor = f'<sensor type="thinlens"><float name="fov" value="50"/>{lens}{told}</sensor>'
+    assert camera(tmp_path, sensor).lens.focus_distance_m == focus_m
+
+
+@pytest.mark.parametrize(
+    ("origin", "up"),
+    [("0 0 5", (1, 0, 0)), ("0 0 -5", (1, 0, 0)), ("0 5 0", (1, 0, 0)), ("1 2 5", (0.982574, -0.034852, -0.182574))],
+)
+def test_a_view_without_an_up_has_mitsubas(tmp_path, origin, up):
+    place = f'<transform name="to_world"><lookat origin="{origin}" target="0 0 0"/></transform>'
+    pose = camera(tmp_path, f'<sensor type="perspective"><float name="fov" value="50"/>{place}</sensor>').motion.pose(0)
+    np.testing.assert_allclose(pose[:3, 1], up, atol=1e-4)
+
+
+@pytest.mark.parametrize("flip", ["", FLIP])
+@pytest.mark.parametrize("place", ["", MIRROR])
+@pytest.mark.parametrize("normals", [False, True])
+def test_pictures_lie_on_meshes_without_coordinates_by_their_corners(tmp_path, flip, place, normals):
+    """A triangle's corners have u and v, v down, of (0, 0), (1, 0) and (0, 1)."""
+    text = TRIANGLE if not normals else TRIANGLE.replace("f 1 2 3", "vn 0 0 1\nf 1//1 2//1 3//1")
+    (tmp_path / "a.obj").write_text(text)
+    PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    picture = '<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/></texture>'
+    shape = f'<shape type="obj"><string name="filename" value="a.obj"/>{flip}{place}{{}}</shape>'
+    world = load(tmp_path, shape.format(f'<bsdf type="diffuse">{picture}</bsdf>'))
+    mesh, sign = world.meshes[0], -2 if place else 1
+    found = {tuple(map(float, at[:2])): tuple(map(float, uv)) for at, uv in zip(mesh.vertices, mesh.uvs, strict=True)}
+    assert found == {(0, 0): (0, 1), (sign, 0): (1, 1), (0, abs(sign)): (0, 0)}
+    assert load(tmp_path, shape.format('<bsdf type="diffuse"/>')).meshes[0].uvs is None
+
+
+@pytest.mark.parametrize(
+    ("inner", "color"),
+    [
+        ('<rgb name="color" value="1 .5 .25"/>', (1, 0.5, 0.25)),
+        ('<rgb name="color" value="1 .5 .25"/><float name="scale" value="4"/>', (4, 2, 1)),
+    ],
+)
+def test_daylight_may_be_coloured(tmp_path, inner, color):
+    point = f'<emitter type="point"><spectrum name="intensity" type="d65">{inner}</spectrum></emitter>'
+    assert load(tmp_path, point + '<shape type="cube"/>').punctual_lights[0].intensity == pytest.approx(color)
+
+
+@pytest.mark.parametrize(
+    ("told", "version", "outwards"),
+    [(MIRROR, "3.0.0", False), (MIRROR + FLIP, "3.0.0", True), (FLIP, "3.0.0", False), (MIRROR, "0.6.0", True)],
+)
+def test_a_mirrored_sphere_is_inside_out_since_version_3(tmp_path, told, version, outwards):
+    world = load(tmp_path, '<shape type="cube"/>' + SPHERE.format(told), version)
+    assert len(world.sphere_lights) == outwards
+    plain = load(tmp_path, SPHERE.format(told).replace('<emitter type="area"/>', ""), version).meshes[0]
+    a, b, c = np.moveaxis(plain.vertices.astype(float)[plain.triangles], 1, 0)
+    assert ((np.sum(np.cross(b - a, c - a) * (a + b + c), axis=1) > 0) == outwards).all()
+    assert ((np.sum(plain.normals * plain.vertices, axis=1) > 0) == outwards).all()
+
+
+def test_what_a_normal_map_says_of_itself_is_no_cause_for_a_warning(tmp_path):
+    """Mitsuba asks for raw pictures of normals."""
+    PIL.Image.fromarray(np.full((2, 2, 3), 128, np.uint8)).save(tmp_path / "a.png")
+    raw = '<string name="filename" value="a.png"/><boolean name="raw" value="true"/>'
+    picture = f'<texture type="bitmap" name="normalmap">{raw}</texture>'
+    found, world = material(tmp_path, f'<bsdf type="normalmap">{picture}<bsdf type="diffuse"/></bsdf>')
+    assert found.normal_texture >= 0 and world.warnings == ()
+
+
+def test_what_is_defined_within_something_further_down_may_be_referred_to(tmp_path):
+    red = '<bsdf type="diffuse" id="red"><rgb name="reflectance" value="1 0 0"/></bsdf>'
+    world = load(tmp_path, f'<shape type="cube"><ref id="red"/></shape><shape type="sphere">{red}</shape>')
+    assert [world.materials[mesh.material_ids[0]].color for mesh in world.meshes] == [(1, 0, 0)] * 2
+
+
+def test_a_metal_whose_index_is_a_picture_has_its_mean(tmp_path):
+    squares = '<texture type="checkerboard" name="{}"><float name="color0" value="0.2"/>'
+    squares += '<float name="color1" value="0.6"/></texture>'
+    found, world = material(tmp_path, f'<bsdf type="conductor">{squares.format("eta")}{squares.format("k")}</bsdf>')
+    assert found.eta == pytest.approx((0.4,) * 3, abs=2e-3) and found.k == pytest.approx((0.4,) * 3, abs=2e-3)
+    assert len(world.warnings) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "told"), [('name="diffuse_reflectance"', "diffuse_reflectance"), ("", "without a name")]
+)
+def test_textures_that_nothing_reads_are_told(tmp_path, name, told):
+    PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    picture = f'<texture type="bitmap" {name}><string name="filename" value="a.png"/></texture>'
+    _, world = material(tmp_path, f'<bsdf type="diffuse">{picture}</bsdf>')
+    assert world.warnings == (f"scene.xml: the texture {told} of a diffuse bsdf is left out",)
