@@ -50,7 +50,8 @@ ROWS = (
         "geoms, meshes, materials, lights and the first camera (a model without cameras is seen from the initial view"
         " of MuJoCo's viewer); bodies move by the model's physics from its initial state, all controls at 0 (5 s, "
         "unless `--duration` says more); for models that your program controls, see [MuJoCo](robots.md#mujoco)",
-        "flexible bodies, skins, tendons, skyboxes, mirrors; textures on round geoms are replaced by their mean",
+        "flexible bodies, skins, tendons, sites, skyboxes, lights of pictures, mirrors; textures of other things than "
+        "colours; textures on round geoms are replaced by their mean",
     ),
 )
 """Format, what is read, and what is left out or approximated."""

@@ -14,7 +14,7 @@ from clsim.scene.driven import CAMERA
 from clsim.scene.motion import Matrix, Static, look_at
 from clsim.scene.mujoco.cameras import FREE, camera_of, free_pose
 from clsim.scene.mujoco.shapes import mesh_of
-from clsim.scene.mujoco.surfaces import Surfaces, headlight, light, sky
+from clsim.scene.mujoco.surfaces import COLOR_ROLES, Surfaces, headlight, light, sky
 from clsim.scene.world import Material, Mesh, Sensor, World
 
 _SHOWN_GROUPS = 3
@@ -67,8 +67,9 @@ class ShownModel:
         """Return the world, with everything where it is in the data now; raises InputError for what cannot be shown."""
         eye = camera_of(self._model, self._camera, self._resolution, Static(self.camera_pose()))
         builder = WorldBuilder(eye, name)
-        surfaces = self._add_bodies(builder)
-        self._add_lights(builder)
+        names = {CAMERA}
+        surfaces = self._add_bodies(builder, names)
+        self._add_lights(builder, names)
         world = builder.world(environment=sky(self._model), sensor=sensor, fps=fps)
         return _with_warnings(world, self._model, surfaces.means)
 
@@ -103,20 +104,21 @@ class ShownModel:
         place, towards = _UP @ self._data.light_xpos[index], _UP @ self._data.light_xdir[index]
         return look_at(place, place + towards)
 
-    def _add_bodies(self, builder: WorldBuilder) -> Surfaces:
+    def _add_bodies(self, builder: WorldBuilder, names: set[str]) -> Surfaces:
         model, surfaces = self._model, Surfaces(self._model, builder)
         for body in range(model.nbody):
             first = int(model.body_geomadr[body])
             parts: dict[str, tuple[Mesh, Matrix, Material]] = {}
+            inside: set[str] = set()
             for geom in range(first, first + int(model.body_geomnum[body])):
                 mesh = mesh_of(model, geom) if model.geom_group[geom] < _SHOWN_GROUPS else None
                 material = None if mesh is None else surfaces.of(geom, mesh)
                 if mesh is not None and material is not None:
                     offset = _matrix(model.geom_pos[geom], model.geom_quat[geom])
-                    parts[_name(model.geom(geom).name, "geom", geom)] = (mesh, offset, material)
+                    parts[_own(model.geom(geom).name or f"geom{geom}", inside)] = (mesh, offset, material)
             if not parts:
                 continue
-            name = _name(model.body(body).name, "body", body)
+            name = _own(model.body(body).name or f"body{body}", names)
             pose = _matrix(self._data.xpos[body], self._data.xquat[body])
             pose[:3] = _UP @ pose[:3]
             builder.add_parts(name, parts, pose)
@@ -124,17 +126,17 @@ class ShownModel:
                 self.bodies[body] = name
         return surfaces
 
-    def _add_lights(self, builder: WorldBuilder) -> None:
+    def _add_lights(self, builder: WorldBuilder, names: set[str]) -> None:
         model = self._model
-        active = np.flatnonzero(model.light_active).tolist()
+        active = np.flatnonzero(model.light_active & ~_of_pictures(model)).tolist()
         for index in active:
-            name = f"light:{_name(model.light(index).name, 'light', index)}"
+            name = _own(f"light:{model.light(index).name or f'light{index}'}", names)
             builder.add_light(name, light(model, index, self._data.light_xpos[index]), self.light_pose(index))
             if _goes(model, model.light_bodyid[index], model.light_mode[index]):
                 self.lights[index] = name
         if not active and model.vis.headlight.active:
-            builder.add_light(_HEADLIGHT, headlight(model), self.camera_pose())
-            self.lights[-1] = _HEADLIGHT
+            self.lights[-1] = _own(_HEADLIGHT, names)
+            builder.add_light(self.lights[-1], headlight(model), self.camera_pose())
 
 
 def _goes(model: Any, body: int, mode: int) -> bool:
@@ -155,10 +157,20 @@ def _camera_number(model: Any, camera: str | int) -> int:
     raise InputError(f"`camera` is {camera!r}, expected one of the model's: {', '.join(names) or 'it has none'}")
 
 
-def _name(name: str, kind: str, index: int) -> str:
-    """Return a name that our world can have; ``camera`` is what it calls its own."""
+def _own(name: str, names: set[str]) -> str:
+    """Return a name that our world can have, as near to that as can be, and add it to those that others have."""
     own = name.replace("/", ":")
-    return f"{kind}{index}" if own in ("", CAMERA) else own
+    while own in names:
+        own += "_"
+    names.add(own)
+    return own
+
+
+def _of_pictures(model: Any) -> npt.NDArray[np.bool_]:
+    """Tell which lights shine from a picture all around."""
+    import mujoco
+
+    return np.asarray(model.light_type == mujoco.mjtLightType.mjLIGHT_IMAGE)
 
 
 def _matrix(position: Any, quaternion: Any) -> Matrix:
@@ -184,6 +196,9 @@ def _with_warnings(world: World, model: Any, means: int) -> World:
         (model.nflex, "flexible bodies"),
         (model.nskin, "skins"),
         (model.ntendon, "tendons"),
+        (((model.site_group < _SHOWN_GROUPS) & (model.site_rgba[:, 3] > 0)).sum(), "sites"),
+        (_of_pictures(model).sum(), "lights of pictures"),
+        ((np.delete(model.mat_texid, COLOR_ROLES, axis=1) >= 0).sum(), "textures of other things than colours"),
         ((model.geom_type == mujoco.mjtGeom.mjGEOM_SDF).sum(), "signed distance fields"),
         ((model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX).sum(), "a skybox"),
         ((model.mat_reflectance > 0).sum(), "reflectance"),

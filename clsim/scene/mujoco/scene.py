@@ -32,6 +32,12 @@ def is_mjcf(path: Path) -> bool:
     return tags[:1] == ["mujoco"]
 
 
+def _resolution(model: Any) -> tuple[int, int]:
+    """Return how many pixels the first camera has; one that tells none counts as one of a single pixel."""
+    width, height = map(int, model.cam_resolution[0]) if model.ncam else (1, 1)
+    return (width, height) if max(width, height) > 1 else RESOLUTION
+
+
 def load_mujoco(path: Path) -> World:
     """Load a model, seen from its first camera, or as MuJoCo's viewer sees it at first where it has none.
 
@@ -54,7 +60,7 @@ def load_mujoco(path: Path) -> World:
         with warnings_to(told):
             model = mujoco.MjModel.from_xml_path(str(path))
             data = mujoco.MjData(model)
-            shown = ShownModel(model, data, 0, RESOLUTION)
+            shown = ShownModel(model, data, 0, _resolution(model))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"{path}: MuJoCo cannot load it ({' '.join(str(error).split())})") from None
     world = shown.world(path.stem, None, _FPS)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.scene.meshes.geometry import smooth_normals, transformed
+from clsim.scene.meshes.geometry import joined, smooth_normals, transformed
 from clsim.scene.mujoco.surfaces import is_cube, texture_of
 from clsim.scene.shapes import box
 from clsim.scene.world import Mesh
@@ -108,11 +108,21 @@ def _grid(rows: int, columns: int) -> npt.NDArray[np.int32]:
 def _height_field(model: Any, field: int) -> Mesh:
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     first = int(model.hfield_adr[field])
-    x, y, top, _ = model.hfield_size[field].tolist()
+    x, y, top, below = model.hfield_size[field].tolist()
     heights = model.hfield_data[first : first + rows * columns].reshape(rows, columns) * top
     across, along = np.meshgrid(np.linspace(-x, x, columns), np.linspace(-y, y, rows))
     vertices = np.stack([across, along, heights], axis=2).reshape(-1, 3)
-    return smooth_normals(_mesh(vertices, _grid(rows, columns), None))
+    field_itself = smooth_normals(_mesh(vertices, _grid(rows, columns), None))
+    # It is solid: around it are walls, down to a floor below zero.
+    grid = np.arange(rows * columns).reshape(rows, columns)
+    around = np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])
+    low = vertices * (1.0, 1.0, 0.0) - (0.0, 0.0, below)
+    after = np.roll(around, -1)
+    walls = np.stack([low[around], low[after], vertices[after], vertices[around]], axis=1)
+    floor = low[[[grid[0, 0], grid[-1, 0], grid[-1, -1], grid[0, -1]]]]
+    sides = np.concatenate([walls, floor]).reshape(-1, 3)
+    faces = (np.arange(0, len(sides), 4)[:, None] + np.array((0, 1, 2, 0, 2, 3))).reshape(-1, 3)
+    return joined([field_itself, smooth_normals(_mesh(sides, faces, None))])
 
 
 def _own_mesh(model: Any, mesh: int) -> Mesh:

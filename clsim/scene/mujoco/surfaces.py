@@ -21,6 +21,8 @@ from clsim.scene.world import ImageTexture, Material, Mesh, PunctualLight, Vec3
 
 _DEFAULT = (0.5, 0.5, 0.5, 1.0)
 """The colour of a geom that has none of its own: then its material's holds."""
+COLOR_ROLES = (1, 8)
+"""Roles of a material's textures that give colours: RGB and RGBA."""
 
 
 class Surfaces:
@@ -111,8 +113,7 @@ class Surfaces:
 def texture_of(model: Any, geom: int) -> int:
     """Return the number of the texture that gives a geom its colours; negative for none."""
     material = int(model.geom_matid[geom])
-    # The roles RGB and RGBA.
-    return int(max(model.mat_texid[material, 1], model.mat_texid[material, 8])) if material >= 0 else -1
+    return int(model.mat_texid[material, COLOR_ROLES].max()) if material >= 0 else -1
 
 
 def is_cube(model: Any, texture: int) -> bool:

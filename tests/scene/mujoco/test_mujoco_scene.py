@@ -193,3 +193,73 @@ def test_before_its_start_all_is_where_it_starts(tmp_path: Path) -> None:
     """An exposure about the first frame begins before it."""
     (ball,) = load(tmp_path, FALL).instances
     np.testing.assert_array_equal(ball.motion.pose(-0.5), ball.motion.pose(0.0))
+
+
+def test_names_that_others_have_already_get_a_sign_more(tmp_path: Path) -> None:
+    """Of each two things one has a name, and the other would be called so after its number."""
+    text = """<mujoco><worldbody><light name="light1" pos="0 0 3"/><light pos="1 0 3"/>
+        <geom name="geom1" size=".1"/><geom size=".3" pos="1 0 0"/>
+        <body><geom name="a/b" size=".1"/><geom name="a:b" size=".1" pos="1 0 0"/></body>
+        <body name="body1"><geom size=".1"/></body><body name="light:light1"><geom size=".1"/></body>
+        <body name="camera"><geom size=".1"/></body></worldbody></mujoco>"""
+    world = load(tmp_path, text)
+    model = mujoco.MjModel.from_xml_string(text)
+    names = [each.name for each in (*world.instances, *world.punctual_lights)]
+    assert len(world.instances) == model.ngeom and len(set(names)) == len(names) == model.ngeom + model.nlight
+    (headlight,) = load(
+        tmp_path, '<mujoco><worldbody><body name="headlight"><geom size=".1"/></body></worldbody></mujoco>'
+    ).punctual_lights
+    assert headlight.name == "headlight_"
+
+
+@pytest.mark.parametrize(
+    ("told", "size"), [("", (346, 260)), ('resolution="64 20"', (64, 20)), ('resolution="1 20"', (1, 20))]
+)
+def test_a_camera_has_the_pixels_that_the_model_tells(tmp_path: Path, told: str, size: tuple[int, int]) -> None:
+    camera = load(tmp_path, f'<mujoco><worldbody><camera {told}/><geom size=".1"/></worldbody></mujoco>').camera
+    assert (camera.width, camera.height) == size
+
+
+@pytest.mark.parametrize(
+    ("body", "what"),
+    [
+        ('<site size=".1"/>', "sites"),
+        ('<site size=".1" group="3"/>', None),
+        ('<site size=".1" rgba="1 0 0 0"/>', None),
+        ('<light type="image" texture="t"/>', "lights of pictures"),
+        ('<geom size=".1" material="n"/>', "textures of other things than colours"),
+    ],
+)
+def test_what_is_left_out_of_a_model_is_told(tmp_path: Path, body: str, what: str | None) -> None:
+    assets = '<texture name="t" type="cube" builtin="flat" width="8" height="8"/>'
+    if "material" in body:
+        assets += '<material name="n"><layer role="normal" texture="t"/></material>'
+    text = f'<mujoco><asset>{assets}</asset><worldbody>{body}<geom size=".1"/></worldbody></mujoco>'
+    world = load(tmp_path, text)
+    told = [f"mujoco: the model has {what}, which clsim leaves out"] if what else []
+    assert list(world.warnings) == told
+
+
+def test_a_height_field_is_as_solid_as_mujocos() -> None:
+    """Rays from all around meet it where MuJoCo's do."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><asset><hfield name="h" nrow="3" ncol="4" size="1 2 .5 .3"
+        elevation="0 .2 .1 .3 .5 .7 .2 .8 .9 .1 1 .4"/></asset>
+        <worldbody><geom type="hfield" hfield="h"/></worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mesh = mesh_of(model, 0)
+    assert mesh is not None and mesh.normals is not None
+    a, b, c = np.moveaxis(mesh.vertices.astype(float)[mesh.triangles], 1, 0)
+    across, rng = np.cross(b - a, c - a), np.random.default_rng(3)
+    for _ in range(60):
+        away = rng.normal(size=3)
+        start = 5 * away / np.linalg.norm(away)
+        ray = rng.uniform((-0.8, -1.6, -0.2), (0.8, 1.6, 0.1)) - start
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = np.sum((a - start) * across, axis=1) / (across @ ray)
+            at = start + t[:, None] * ray
+            inside = [np.sum(np.cross(q - p, at - p) * across, axis=1) >= -1e-9 for p, q in ((a, b), (b, c), (c, a))]
+        expected = mujoco.mj_ray(model, data, start, ray, None, 1, -1, np.zeros(1, np.int32))
+        assert t[np.all(inside, axis=0) & (t > 0)].min() == pytest.approx(expected, abs=1e-4)
+        front = np.argmin(np.where(np.all(inside, axis=0) & (t > 0), t, np.inf))
+        assert across[front] @ ray < 0 and across[front] @ mesh.normals[mesh.triangles[front]].sum(axis=0) > 0
