@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
+import numpy as np
+
 from clsim.errors import InputError
 from clsim.scene.defaults.framing import RESOLUTION
 from clsim.scene.driven import CAMERA
@@ -63,6 +65,9 @@ def load_mujoco(path: Path) -> World:
             shown = ShownModel(model, data, 0, _resolution(model))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"{path}: MuJoCo cannot load it ({' '.join(str(error).split())})") from None
+    places = data.xpos, data.xquat, data.light_xpos, data.light_xdir, data.cam_xpos, data.cam_xmat
+    if not all(np.isfinite(each).all() for each in places):
+        raise InputError(f"{path}: has numbers that are not finite: expected a place for each body, light and camera")
     world = shown.world(path.stem, None, _FPS)
     world = replace(world, notes=(*world.notes, *(f"mujoco: {text}" for text in told)))
     if not world.instances:

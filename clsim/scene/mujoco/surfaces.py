@@ -58,20 +58,22 @@ class Surfaces:
             material = replace(material, alpha_mode="blend", opacity=rgba[3])
         if index < 0:
             return replace(material, color=_vec3(color))
-        if model.mat_emission[index] > 0:
-            material = replace(material, emission=_vec3(model.mat_emission[index] * color))
         if model.mat_metallic[index] >= 0 or model.mat_roughness[index] >= 0:
             roughness = float(model.mat_roughness[index])
             metallic = max(float(model.mat_metallic[index]), 0.0)
             alpha = roughness**2 if roughness >= 0 else 1.0
             material = replace(material, kind="principled", metallic=metallic, alpha=alpha)
         texture = texture_of(model, geom)
-        if texture < 0:
-            return replace(material, color=_vec3(color))
-        if mesh.uvs is None or (is_cube(model, texture) and not _is_box(model, geom)):
+        image = -1
+        if texture >= 0 and (mesh.uvs is None or (is_cube(model, texture) and not _is_box(model, geom))):
             self.means += 1
-            return replace(material, color=_vec3(color * decode_srgb(self._pixels(texture) / 255.0).mean(axis=(0, 1))))
-        return replace(material, color=_vec3(color), texture=self._image(texture, self._repeat(geom, index)))
+            color = color * decode_srgb(self._pixels(texture) / 255.0).mean(axis=(0, 1))
+        elif texture >= 0:
+            image = self._image(texture, self._repeat(geom, index))
+        material = replace(material, color=_vec3(color), texture=image)
+        if model.mat_emission[index] > 0:
+            material = replace(material, emission=_vec3(model.mat_emission[index] * color), emission_texture=image)
+        return material
 
     def _repeat(self, geom: int, material: int) -> tuple[float, float, float, float]:
         """Return factors and offsets of u and v: a plane has metres from its middle, a side of a box parts of it."""

@@ -136,6 +136,7 @@ def test_physics_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         ("<mujoco><worldbody><geom/></worldbody></mujoco>", r"robot\.xml: MuJoCo cannot load it \(.*size"),
         ("<mujoco><worldbody>", r"robot\.xml: MuJoCo cannot load it \("),
         ("<mujoco/>", "has no triangles"),
+        ('<mujoco><worldbody><light dir="0 nan 1"/><geom size="1"/></worldbody></mujoco>', r"robot\.xml: .*not finite"),
     ],
 )
 def test_what_mujoco_refuses_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:

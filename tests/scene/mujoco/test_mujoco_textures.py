@@ -90,3 +90,20 @@ def test_a_picture_on_a_box_covers_each_side_once(tmp_path):
     for side in sides(mesh):
         found = np.column_stack([mesh.uvs[side], np.ones(4)]) @ matrix.T
         assert sorted(map(tuple, found.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
+@pytest.mark.parametrize("geom", ['type="plane" size="1 1 .1"', 'size=".3"'])
+def test_what_glows_has_the_colours_of_its_picture(tmp_path, geom):
+    """MuJoCo multiplies all light of a surface by its texture, also what it emits."""
+    path = tmp_path / "robot.xml"
+    path.write_text(f"""<mujoco><asset><texture name="t" type="2d" builtin="flat" rgb1="1 0 0" width="8" height="8"/>
+        <material name="m" texture="t" rgba="1 1 1 1" emission=".5"/></asset>
+        <worldbody><geom {geom} material="m"/></worldbody></mujoco>""")
+    world = load_world(path)
+    (mesh,) = world.meshes
+    found = world.materials[mesh.material_ids[0]]
+    shown = np.ones(3)
+    if found.emission_texture >= 0:
+        shown = world.textures[found.emission_texture].pixels[0, 0, :3] / 255
+    np.testing.assert_allclose(found.emission * shown, (0.5, 0, 0), atol=1e-3)
+    assert found.emission_texture == found.texture
