@@ -56,6 +56,8 @@ def load_mitsuba(path: Path, parameters: Mapping[str, str] | None = None) -> Wor
     reader = _Reader(path, legacy)
     for plugin in scene.children:
         reader.add(plugin)
+    if scene.get("hide_emitters", False):
+        reader.warn("what emits is seen, though the integrator hides it")
     return reader.world(dict.fromkeys(scene.unread()))
 
 
@@ -65,7 +67,7 @@ class _Reader:
     def __init__(self, path: Path, legacy: bool) -> None:
         self.path, self.folder, self.legacy = path, path.parent, legacy
         self.warnings: list[str] = []
-        self.materials = MaterialReader(legacy, self.folder, self._warn)
+        self.materials = MaterialReader(legacy, self.folder, self.warn)
         self.meshes: list[Mesh] = []
         self.instances: list[Instance] = []
         self.punctual_lights: list[PunctualLight] = []
@@ -79,7 +81,7 @@ class _Reader:
     def world(self, unread: Iterable[str]) -> World:
         """Return what was collected, with a camera and light of clsim's own where there is none."""
         for sentence in unread:
-            self._warn(sentence)
+            self.warn(sentence)
         if self.suns:
             middle, extent = bounds(self.path, self.meshes, self.instances)
             self.sphere_lights += [make(middle, float(np.linalg.norm(extent)) / 2) for make in self.suns]
@@ -106,7 +108,8 @@ class _Reader:
         )
         return replace(world, duration_s=world.moving_s() or 1.0)
 
-    def _warn(self, sentence: str) -> None:
+    def warn(self, sentence: str) -> None:
+        """Tell what is lost, each thing once."""
         text = f"{self.path.name}: {sentence}"
         if text not in self.warnings:
             self.warnings.append(text)
@@ -120,7 +123,7 @@ class _Reader:
         elif plugin.kind in ("sensor", "camera"):
             self._add_sensor(plugin)
         elif plugin.kind not in IGNORED:
-            self._warn(f"<{plugin.kind}> is left out")
+            self.warn(f"<{plugin.kind}> is left out")
 
     def _add_shape(self, shape: Plugin) -> None:
         if shape.type == "shapegroup":
@@ -144,14 +147,14 @@ class _Reader:
     def _mesh(self, shape: Plugin, linear: Matrix, emitter: Plugin | None = None) -> Mesh | None:
         mesh = read_shape(shape, self.folder, linear, legacy=self.legacy)
         if mesh is None:
-            self._warn(f"shapes of type {shape.type} are left out")
+            self.warn(f"shapes of type {shape.type} are left out")
             shape.pass_over()
             return None
         emission: Vec3 = (0.0, 0.0, 0.0)
         texture = -1
         if emitter is not None:
             if emitter.type != "area":
-                self._warn(f"emitters of type {emitter.type} are left out")
+                self.warn(f"emitters of type {emitter.type} are left out")
                 emitter.pass_over()
             elif (image := emitter.child("radiance")) is not None:
                 emission, texture = self.materials.textures.light(image)
@@ -161,7 +164,7 @@ class _Reader:
         media = shape.of_kind("medium")
         inside = next((medium for medium in media if medium.name == "interior"), None)
         if any(medium.name == "exterior" for medium in media):
-            self._warn("media outside of shapes are left out: what is fog is clear")
+            self.warn("media outside of shapes are left out: what is fog is clear")
         material = self.materials.index(bsdf, emission, texture, inside)
         return replace(mesh, material_ids=np.full(len(mesh.triangles), material, np.int32))
 
@@ -189,7 +192,7 @@ class _Reader:
         if key not in self.groups:
             parts = []
             for child in groups[0].of_kind("shape"):
-                mesh = None if child.type in ("instance", "shapegroup") else self._mesh(child, np.eye(3))
+                mesh = self._mesh(child, np.eye(3))
                 if mesh is not None:
                     parts.append((len(self.meshes), start_of(child)))
                     self.meshes.append(mesh)
@@ -230,7 +233,7 @@ class _Reader:
                 motion = Static(look_at((0.0, 0.0, 0.0), direction))
             self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), motion))
         elif kind != "area":  # which only shapes refer to
-            self._warn(f"emitters of type {kind} are left out")
+            self.warn(f"emitters of type {kind} are left out")
             emitter.pass_over()
 
     def _spot(self, emitter: Plugin, motion: Motion) -> PunctualLight:
@@ -268,7 +271,7 @@ class _Reader:
     def _add_daylight(self, emitter: Plugin, turn: Matrix) -> None:
         day, to_world = read_daylight(emitter, turn, self.legacy)
         if day.is_night:
-            self._warn("the sun is below the horizon, so there is no daylight")
+            self.warn("the sun is below the horizon, so there is no daylight")
             return
         sky_scale, sun_scale = scales(emitter)
         if sky_scale > 0:
@@ -278,10 +281,10 @@ class _Reader:
 
     def _add_sensor(self, sensor: Plugin) -> None:
         if sensor.type not in ("perspective", "thinlens", "perspective_rdist", "orthographic"):
-            self._warn(f"sensors of type {sensor.type} are left out")
+            self.warn(f"sensors of type {sensor.type} are left out")
             return
         if self.cameras:
-            self._warn("the first of several sensors is used")
+            self.warn("the first of several sensors is used")
             return
         self.cameras.append(read_sensor(sensor))
 

@@ -94,15 +94,7 @@ class Plugin:
     def get(self, name: str, default: Any) -> Any:
         """Return a property; raises InputError where its type is not that of the default."""
         value = self.values.get(name, default)
-        if isinstance(default, bool):
-            right = isinstance(value, bool)
-        elif isinstance(default, float):
-            right = isinstance(value, float)
-        elif isinstance(default, str):
-            right = isinstance(value, str)
-        else:
-            right = default is None or isinstance(value, type(default))
-        if not right:
+        if not (default is None or isinstance(value, type(default))):
             raise InputError(f"{self.place}: {self.type}.{name} is {shown(value)}, expected a {type(default).__name__}")
         return value
 
@@ -254,6 +246,11 @@ class _Reader:
     def _fill(self, plugin: Plugin, element: Element, folder: Path, defaults: Parameters) -> None:
         for child in element.children:
             if child.tag in UNUSED:
+                told = {
+                    _snake(each.attributes.get("name", "")): each.attributes.get("value") for each in child.children
+                }
+                if told.get("hide_emitters") == "true":
+                    plugin.values["hide_emitters"] = True
                 continue
             if child.tag == "default":
                 attributes = _filled(child, defaults)

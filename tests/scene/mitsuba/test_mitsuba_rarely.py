@@ -106,3 +106,20 @@ def test_textures_that_nothing_reads_are_told(tmp_path, name, told):
     picture = f'<texture type="bitmap" {name}><string name="filename" value="a.png"/></texture>'
     _, world = material(tmp_path, f'<bsdf type="diffuse">{picture}</bsdf>')
     assert world.warnings == (f"scene.xml: the texture {told} of a diffuse bsdf is left out",)
+
+
+@pytest.mark.parametrize(("version", "name"), [("3.0.0", "hide_emitters"), ("0.6.0", "hideEmitters")])
+@pytest.mark.parametrize(("value", "told"), [("true", 1), ("false", 0)])
+def test_an_integrator_that_hides_what_emits_is_told(tmp_path, version, name, value, told):
+    integrator = f'<integrator type="path"><boolean name="{name}" value="{value}"/></integrator>'
+    warnings = load(tmp_path, integrator + '<shape type="cube"/>', version).warnings
+    assert list(warnings) == ["scene.xml: what emits is seen, though the integrator hides it"] * told
+
+
+def test_instances_within_groups_are_left_out_with_a_word(tmp_path):
+    """Mitsuba does not permit them."""
+    groups = '<shape type="shapegroup" id="a"><shape type="cube"/></shape>'
+    groups += '<shape type="shapegroup" id="b"><shape type="instance"><ref id="a"/></shape><shape type="disk"/></shape>'
+    world = load(tmp_path, groups + '<shape type="instance"><ref id="b"/></shape>')
+    assert len(world.instances) == 1
+    assert world.warnings == ("scene.xml: shapes of type instance are left out",)
