@@ -160,12 +160,14 @@ class _Reader:
                 emission, texture = self.materials.textures.light(image)
             else:
                 emission = _radiance(emitter, "radiance")
-        bsdf = next(iter(shape.of_kind("bsdf")), None)
+        bsdfs = shape.of_kind("bsdf")
+        if len(bsdfs) > 1:
+            self.warn("the first of several bsdfs of a shape is used")
         media = shape.of_kind("medium")
         inside = next((medium for medium in media if medium.name == "interior"), None)
         if any(medium.name == "exterior" for medium in media):
             self.warn("media outside of shapes are left out: what is fog is clear")
-        material = self.materials.index(bsdf, emission, texture, inside)
+        material = self.materials.index(bsdfs[0] if bsdfs else None, emission, texture, inside)
         return replace(mesh, material_ids=np.full(len(mesh.triangles), material, np.int32))
 
     def _add_sphere_light(self, shape: Plugin, emitter: Plugin, motion: Motion, stretch: Matrix) -> bool:
@@ -192,9 +194,10 @@ class _Reader:
         if key not in self.groups:
             parts = []
             for child in groups[0].of_kind("shape"):
-                mesh = self._mesh(child, np.eye(3))
+                within, stretch = placed(child)
+                mesh = self._mesh(child, stretch[:3, :3])
                 if mesh is not None:
-                    parts.append((len(self.meshes), start_of(child)))
+                    parts.append((len(self.meshes), within.pose(0.0)))
                     self.meshes.append(mesh)
             self.groups[key] = parts
         motion, stretch = placed(shape)

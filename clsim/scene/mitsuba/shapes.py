@@ -15,7 +15,8 @@ from clsim.scene.meshes.geometry import smooth_normals, transformed, with_corner
 from clsim.scene.meshes.trimesh_scene import load_triangles
 from clsim.scene.mitsuba.values import file_of
 from clsim.scene.mitsuba.xml import Plugin
-from clsim.scene.motion import Matrix, look_at
+from clsim.scene.motion import Matrix
+from clsim.scene.rigid import across
 from clsim.scene.world import Mesh
 
 F64 = npt.NDArray[np.float64]
@@ -217,7 +218,8 @@ def _cylinder(shape: Plugin) -> Mesh:
     start, end = shape.get("p0", np.zeros(3)), shape.get("p1", np.array((0.0, 0.0, 1.0)))
     if np.allclose(start, end):
         raise InputError(f"{shape.place}: the cylinder's ends p0 and p1 coincide")
-    frame: Matrix = look_at((0.0, 0.0, 0.0), start - end)[:3, :3]  # its +z points from p0 to p1
+    axis = (end - start) / np.linalg.norm(end - start)
+    frame: Matrix = np.column_stack([across(axis), np.cross(axis, across(axis)), axis])
     v, u = np.meshgrid([0.0, 1.0], np.linspace(0, 1, SEGMENTS + 1), indexing="ij")
     normals = np.stack([np.cos(2 * np.pi * u), np.sin(2 * np.pi * u), 0 * u], axis=-1).reshape(-1, 3) @ frame.T
     points = start + shape.get("radius", 1.0) * normals + v.reshape(-1, 1) * (end - start)

@@ -19,7 +19,8 @@ SIGNS = [" ".join(f'{axis}="{sign}"' for axis, sign in zip("xyz", s, strict=True
 MIRRORED = '<transform name="to_world"><scale {}/><rotate x="0.6" y="0.8" angle="33"/></transform>'
 ACROSS = '<transform name="to_world"><rotate z="1" angle="20"/><scale {}/><rotate y="1" angle="50"/></transform>'
 STRETCH = '<transform name="to_world"><scale x="-1.5" y="2" z="0.5"/></transform>'
-KINDS = ["rectangle", "cube", "sphere", "disk", "cylinder", "obj", "ply", "obj-flat", "flipped"]
+ROUND = ("sphere", "disk", "cylinder", "slanted")
+KINDS = ["rectangle", "cube", "sphere", "disk", "cylinder", "slanted", "obj", "ply", "obj-flat", "flipped"]
 
 
 @pytest.fixture(autouse=True)
@@ -177,8 +178,9 @@ def test_shapes_are_hit_where_mitsuba_hits_them(tmp_path, kind, placed):
         "obj-flat": '<string name="filename" value="a.obj"/><boolean name="face_normals" value="true"/>',
         "flipped": '<string name="filename" value="a.obj"/><boolean name="flip_normals" value="true"/>',
         "ply": '<string name="filename" value="a.ply"/>',
+        "slanted": '<point name="p1" x="-1.3" y="-1.4" z="0.9"/>',
     }.get(kind, "")
-    shape = "obj" if kind in ("obj-flat", "flipped") else kind
+    shape = {"obj-flat": "obj", "flipped": "obj", "slanted": "cylinder"}.get(kind, kind)
     path = tmp_path / "scene.xml"
     path.write_text(f'<scene version="3.0.0"><shape type="{shape}">{extra}{placed}</shape></scene>')
     world, scene = load_world(path), mi.load_file(str(path))
@@ -191,9 +193,9 @@ def test_shapes_are_hit_where_mitsuba_hits_them(tmp_path, kind, placed):
         theirs = scene.ray_intersect(mi.Ray3f(mi.Point3f(origin), mi.Vector3f(direction)))
         t, point, uv, normal = first_hit(world, origin, direction)
         # What is round is divided into flat pieces here.
-        coarse = 0.02 if kind in ("sphere", "disk", "cylinder") else 2e-4
+        coarse = 0.02 if kind in ROUND else 2e-4
         if theirs.is_valid() != np.isfinite(t):
-            assert kind in ("sphere", "disk", "cylinder")  # at the silhouette
+            assert kind in ROUND  # at the silhouette
             continue
         if not theirs.is_valid() or abs(np.dot(np.array(theirs.n), direction)) < 0.2:
             continue

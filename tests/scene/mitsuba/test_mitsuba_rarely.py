@@ -123,3 +123,37 @@ def test_instances_within_groups_are_left_out_with_a_word(tmp_path):
     world = load(tmp_path, groups + '<shape type="instance"><ref id="b"/></shape>')
     assert len(world.instances) == 1
     assert world.warnings == ("scene.xml: shapes of type instance are left out",)
+
+
+def test_what_lies_around_a_cylinder_begins_where_it_does_in_mitsuba(tmp_path):
+    """Along −z, its frame is x, −y and −z (Duff et al., JCGT 2017): u grows from +x over −y."""
+    ends = '<point name="p0" x="0" y="0" z="0"/><point name="p1" x="0" y="0" z="-2"/>'
+    (mesh,) = load(tmp_path, f'<shape type="cylinder">{ends}</shape>').meshes
+    x, y, z = mesh.vertices.T
+    u, v = mesh.uvs.T
+    np.testing.assert_allclose(np.cos(2 * np.pi * u), x, atol=1e-6)
+    np.testing.assert_allclose(np.sin(2 * np.pi * u), -y, atol=1e-6)
+    np.testing.assert_allclose(1 - v, -z / 2, atol=1e-6)  # Mitsuba's v points down here
+
+
+@pytest.mark.parametrize("shape", ["obj", "sphere"])
+def test_a_mirrored_shape_faces_the_same_way_within_a_group(tmp_path, shape):
+    (tmp_path / "a.obj").write_text(TRIANGLE)
+    file = '<string name="filename" value="a.obj"/>' if shape == "obj" else ""
+    mirrored = f'<shape type="{shape}">{file}{MIRROR}</shape>'
+    group = f'<shape type="shapegroup" id="g">{mirrored}</shape><shape type="instance"><ref id="g"/></shape>'
+    facing = []
+    for body in (mirrored, group):
+        world = load(tmp_path, body)
+        mesh, pose = world.meshes[world.instances[0].mesh], world.instances[0].motion.pose(0.0)
+        a, b, c = np.moveaxis((mesh.vertices @ pose[:3, :3].T)[mesh.triangles].astype(float), 1, 0)
+        facing.append(np.cross(b - a, c - a))
+    np.testing.assert_allclose(*facing, atol=1e-6)
+
+
+def test_that_one_of_several_bsdfs_is_used_is_told(tmp_path):
+    """Version 0.6 has one for each material of an OBJ; version 3 permits one alone."""
+    color = '<bsdf type="diffuse" name="m"><rgb name="reflectance" value="{}"/></bsdf>'
+    found, world = material(tmp_path, color.format("1 0 0") + color.format("0 1 0"))
+    assert found.color == (1, 0, 0)
+    assert world.warnings == ("scene.xml: the first of several bsdfs of a shape is used",)
