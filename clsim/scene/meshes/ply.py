@@ -20,6 +20,7 @@ _TYPES = {
 }
 _USUAL = re.compile(rb"(?m)[ \t]red[ \t\r]*$")
 _COLOR = re.compile(rb"(?m)(?<=[ \t])(?:diffuse_(red|green|blue)|([rgb]))(?=[ \t\r]*$)")
+_COORDINATE = re.compile(rb"(?m)(?<=[ \t])texture_([st])(?=[ \t\r]*$)")
 _COLORS = {b"r": b"red", b"g": b"green", b"b": b"blue"}
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 
@@ -54,12 +55,16 @@ def check_ply(path: Path, data: bytes) -> dict[str, int]:
     return counts
 
 
-def usual_colors(data: bytes) -> bytes:
-    """Return a file that `check_ply` took, with colours named red, green and blue; some say r, some diffuse_red."""
+def usual_names(data: bytes) -> bytes:
+    """Return a file that `check_ply` took, with the names that trimesh knows.
+
+    Colours are red, green and blue there (some say r, some diffuse_red), and texture coordinates s and t.
+    """
     end = data.find(b"end_header")
-    if _USUAL.search(data[:end]):
-        return data
-    return _COLOR.sub(lambda found: found[1] or _COLORS[found[2]], data[:end]) + data[end:]
+    head = _COORDINATE.sub(rb"\1", data[:end])
+    if not _USUAL.search(head):
+        head = _COLOR.sub(lambda found: found[1] or _COLORS[found[2]], head)
+    return head + data[end:]
 
 
 def even_faces(data: bytes) -> bytes:

@@ -114,11 +114,11 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
     libraries: list[str] = []
     declared: dict[str, int] = {}
     if suffix == ".ply":
-        from clsim.scene.meshes.ply import check_ply, even_faces, usual_colors
+        from clsim.scene.meshes.ply import check_ply, even_faces, usual_names
         from clsim.scene.meshes.ply_text import without_concave
 
         check_ply(path, data)
-        data = without_concave(even_faces(usual_colors(data)))
+        data = without_concave(even_faces(usual_names(data)))
         declared = check_ply(path, data)
     elif suffix == ".obj":
         data = plain_lines(path, as_utf8(data))

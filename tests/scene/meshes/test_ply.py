@@ -108,6 +108,16 @@ def test_colours_go_by_several_names(tmp_path, names):
     assert load_parts(tmp_path / "a.ply").meshes[0].colors == pytest.approx(np.eye(3))
 
 
+@pytest.mark.parametrize("names", ["u v", "s t", "texture_u texture_v", "texture_s texture_t"])
+def test_texture_coordinates_go_by_several_names(tmp_path, names):
+    """Those that pbrt-v4 reads."""
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "".join(f"property float {name}\n" for name in names.split())
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(head + "0 0 0 .1 .2\n1 0 0 .3 .4\n0 1 0 .5 .6\n3 0 1 2\n")
+    assert load_triangles(tmp_path / "a.ply").uvs == pytest.approx(np.array([(0.1, 0.2), (0.3, 0.4), (0.5, 0.6)]))
+
+
 def test_strips_are_refused_with_advice(tmp_path):
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
