@@ -31,14 +31,15 @@ ROWS = (
         "Mitsuba (`.xml` of 0.6 to 3)",
         "shapes, groups and instances, perspective, thin-lens and orthographic cameras with crop windows, radial "
         "distortion, lamps, sky maps, projectors, skies and suns, animated transforms",
-        "media that scatter, other sensors and emitters; all keyframes of an object have the scale of the first",
+        "media that scatter, other sensors and emitters, `hide_emitters`; all keyframes of an object have the scale of "
+        "the first",
     ),
     (
         "pbrt-v4 (`.pbrt`, and what it includes in `.pbrt.gz` and `.ply.gz`)",
         "shapes, instances, perspective and orthographic cameras that move, with crop and screen windows, point, spot,"
         " distant and infinite lights with their power or illuminance, area lights",
-        "media, images and powers of area lights, other cameras, lights and shapes; subdivision (the mesh gets smooth "
-        "normals instead); primaries other than sRGB's; curves of pictures other than sRGB's",
+        "media, images and powers of area lights, those within objects, other cameras, lights and shapes; subdivision "
+        "(the mesh gets smooth normals instead); primaries other than sRGB's; curves of pictures other than sRGB's",
     ),
     (
         "OBJ, PLY",
