@@ -194,6 +194,8 @@ class _Reader:
         if key not in self.groups:
             parts = []
             for child in groups[0].of_kind("shape"):
+                if child.of_kind("emitter", "luminaire"):
+                    self.warn("emitters within groups are left out, as Mitsuba has none")
                 within, stretch = placed(child)
                 mesh = self._mesh(child, stretch[:3, :3])
                 if mesh is not None:

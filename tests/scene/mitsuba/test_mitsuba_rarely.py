@@ -116,13 +116,22 @@ def test_an_integrator_that_hides_what_emits_is_told(tmp_path, version, name, va
     assert list(warnings) == ["scene.xml: what emits is seen, though the integrator hides it"] * told
 
 
-def test_instances_within_groups_are_left_out_with_a_word(tmp_path):
-    """Mitsuba does not permit them."""
+@pytest.mark.parametrize(
+    ("inside", "told"),
+    [
+        ('<shape type="instance"><ref id="a"/></shape>', "shapes of type instance are left out"),
+        ('<emitter type="area"/>', "emitters within groups are left out, as Mitsuba has none"),
+    ],
+)
+def test_what_mitsuba_does_not_permit_within_groups_is_left_out_with_a_word(tmp_path, inside, told):
     groups = '<shape type="shapegroup" id="a"><shape type="cube"/></shape>'
-    groups += '<shape type="shapegroup" id="b"><shape type="instance"><ref id="a"/></shape><shape type="disk"/></shape>'
+    if "instance" in inside:
+        groups += f'<shape type="shapegroup" id="b">{inside}<shape type="disk"/></shape>'
+    else:
+        groups += f'<shape type="shapegroup" id="b"><shape type="disk">{inside}</shape></shape>'
     world = load(tmp_path, groups + '<shape type="instance"><ref id="b"/></shape>')
     assert len(world.instances) == 1
-    assert world.warnings == ("scene.xml: shapes of type instance are left out",)
+    assert world.warnings == (f"scene.xml: {told}",)
 
 
 def test_what_lies_around_a_cylinder_begins_where_it_does_in_mitsuba(tmp_path):
