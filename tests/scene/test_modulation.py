@@ -100,6 +100,7 @@ SCENE = """
 position = [0.0, 0.0, 3.0]
 [environment]
 radiance = [1.0, 1.0, 1.0]
+map_turn_deg_per_s = 90.0
 modulation = { kind = "sine", frequency_hz = 120, depth = 0.25, phase_deg = 10.0 }
 [materials.marker]
 emission = [3.0, 0.0, 0.0]

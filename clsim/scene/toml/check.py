@@ -43,23 +43,6 @@ KINDS_WITH: dict[str, tuple[str, ...]] = {
     "clearcoat_roughness": ("principled", "disney"),
 }
 """Which kinds of material have a key; what is not named here all have."""
-_OF_METALS = tuple((told, shown) for told in ("metal", "eta") for shown in ("color", "texture", "checker"))
-_EITHER = (("color", "checker"), ("texture", "checker"), ("metal", "eta"), ("metal", "k"), *_OF_METALS)
-"""Keys of a material of which one has no use beside the other."""
-COMPANIONS = {
-    "emission_texture": "emission",
-    "bump_scale": "bump_texture",
-    "normal_scale": "normal_texture",
-    "opacity": "alpha_mode",
-    "opacity_texture": "alpha_mode",
-    "alpha_cutoff": "alpha_mode",
-    "sensor_width_mm": "focal_length_mm",
-    "trajectory_axes": "trajectory",
-    "map_scale": "map",
-    "map_rotation_deg": "map",
-    "map_turn_deg_per_s": "map",
-}
-"""Keys that say nothing without another."""
 _SMALL_DEG = 2.0
 """Hardly a lens sees less, and radians are less."""
 
@@ -117,7 +100,7 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
     materials = materials if isinstance(materials, dict) else {}
     names = list(materials)
     for name in names:
-        for first, second in _EITHER:
+        for first, second in (("color", "checker"), ("texture", "checker"), ("metal", "eta"), ("metal", "k")):
             if _has(materials[name], first, second):
                 yield f"materials.{name}: has {first} and {second}, expected one of them"
         if isinstance(materials[name], dict) and ("eta" in materials[name]) != ("k" in materials[name]):
@@ -126,12 +109,13 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
         yield from _modulation_conflicts(f"materials.{name}", materials[name])
         yield from _film_conflicts(f"materials.{name}", materials[name])
         yield from _keys_of_other_kinds(f"materials.{name}", materials[name])
-        yield from _keys_alone(f"materials.{name}", materials[name])
     environment = data.get("environment")
     yield from _modulation_conflicts("environment", environment)
     if _has(environment, "map", "daylight"):
         yield "environment: has map and daylight, expected one of them"
-    yield from _keys_alone("environment", environment)
+    for key in ("map_scale", "map_rotation_deg", "map_turn_deg_per_s"):
+        if _has(environment, "daylight", key):
+            yield f"environment: has daylight and {key}, which belongs to map"
     daylight = environment.get("daylight") if isinstance(environment, dict) else None
     if isinstance(daylight, dict) and ("elevation_deg" in daylight) == _has(daylight, "latitude_deg", "time"):
         yield "environment.daylight: expected either elevation_deg, or latitude_deg and time"
@@ -166,11 +150,8 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
             yield f"{path}: has look_at and rotation_deg, expected one of them"
         if "rotation_deg" in table and "keyframes" in table:
             yield f"{path}.rotation_deg: expected it in each of the keyframes instead"
-        yield from _keys_alone(path, table)
-        for key in ("inner_deg", "outer_deg", "picture"):
-            if key in table and table.get("kind") != "spot":
-                yield f"{path}.{key}: expected it of a spot only"
-        yield from _direction_conflicts(path, table)
+        if "picture" in table and table.get("kind") != "spot":
+            yield f"{path}.picture: expected it of a spot only"
         yield from _film_conflicts(path, table)
         yield from _keyframe_conflicts(path, table)
         yield from _modulation_conflicts(path, table)
@@ -190,22 +171,6 @@ def _lens_conflicts(path: str, table: Any) -> Iterator[str]:
     for key in ("fov_deg", "focal_length_mm"):
         if key in table:
             yield f"{path}: has {key} and an orthographic lens, expected view_width_m of the lens alone"
-
-
-def _keys_alone(path: str, table: Any) -> Iterator[str]:
-    """Yield which keys say nothing, for another is missing."""
-    for key, needed in COMPANIONS.items():
-        if _has(table, key) and needed not in table:
-            yield f"{path}.{key}: says nothing without {needed}"
-
-
-def _direction_conflicts(path: str, table: dict[str, Any]) -> Iterator[str]:
-    """Yield which directions of a table have no use beside those of its motion."""
-    if _has(table.get("orbit"), "look_at") and "rotation_deg" in table:
-        yield f"{path}: has rotation_deg and an orbit with look_at, expected one of them"
-    keys = table["keyframes"] if isinstance(table.get("keyframes"), list) else []
-    if "look_at" in table and any(_has(key, turn) for key in keys for turn in ("rotation_deg", "quaternion")):
-        yield f"{path}: has look_at and keyframes that turn, expected one of them"
 
 
 def _keyframe_conflicts(path: str, table: dict[str, Any]) -> Iterator[str]:

@@ -87,15 +87,17 @@ def load_toml(path: Path) -> World:
         InputError: with every problem of the file, one line each.
     """
     from clsim.scene.toml.check import parse, small_angles
+    from clsim.scene.toml.unused import unused_keys
 
-    scene = parse(read_toml(path), path)
+    data = read_toml(path)
+    scene = parse(data, path)
     problems: list[str] = []
     base: World | None = None
     if scene.base is not None:
         with _collecting(problems, f"{path}: base"):
             base = _read_base(named_file(scene.base, path.parent), drifts=scene.camera is None)
     builder = _Builder(path, base)
-    builder.warnings += small_angles(scene, path)
+    builder.warnings += [*small_angles(scene, path), *unused_keys(data, path)]
     for name, material in scene.materials.items():
         with _collecting(problems, f"{path}: materials.{name}"):
             builder.add_material(name, material)

@@ -179,7 +179,7 @@ def test_a_sun_without_a_place_or_with_two_is_refused(tmp_path: Path, text: str)
         load_world(toml(tmp_path, text))
     with pytest.raises(InputError, match="has map and daylight, expected one of them"):
         load_world(toml(tmp_path, 'elevation_deg = 3.0\n[environment]\nmap = "a.exr"\n'))
-    with pytest.raises(InputError, match="map_turn_deg_per_s: says nothing without map"):
+    with pytest.raises(InputError, match="has daylight and map_turn_deg_per_s, which belongs to map"):
         load_world(toml(tmp_path, "elevation_deg = 3.0\n[environment]\nmap_turn_deg_per_s = 3.0\n"))
 
 
