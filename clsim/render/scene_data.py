@@ -104,8 +104,7 @@ class SceneData:
         self._geometry = GeometryData(
             placement, may_pass, world.sphere_lights, self.features, self.tree, times_s, self.device, self._pose
         )
-        box = self._geometry.middle_m, self._geometry.radius_m
-        self._lights = LightData(world, placement, *box, self.features, times_s, self.device)
+        self._lights = LightData(world, placement, *self._geometry.bulk, self.features, times_s, self.device)
         self.scene: Any = Scene()
         self.scene.geometry = self._geometry.geometry
         self.scene.materials = upload_materials(world, self.device)

@@ -28,6 +28,8 @@ _MOST_INSTANTS = 64
 """Instants at a time where something moves: boxes of objects hold all places that they have meanwhile."""
 _MOST_VERTICES = 1 << 18
 """Vertices of what deforms, all its shapes together: they take memory."""
+_SPECKS = 1e-3
+"""Part of all squared diagonals of boxes that makes no difference to how large a scene is."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,25 @@ class Places:
     into_boxes: _F64
 
 
+def bulk_of(lowers: _F64, uppers: _F64) -> tuple[_F64, float]:
+    """Return the middle and half the diagonal of the box around instances, without specks that are far off.
+
+    Those farthest from the middle are left out as long as they have less than a thousandth of all squared diagonals.
+
+    Args:
+        lowers: lower corners of the instances' boxes ``[N, 3]``.
+        uppers: upper ones.
+    """
+    sizes = np.square(uppers - lowers).sum(axis=1) + 1e-30
+    middles = (lowers + uppers) / 2
+    away = np.linalg.norm(middles - np.average(middles, axis=0, weights=sizes), axis=1)
+    order = np.argsort(-away, kind="stable")
+    specks = order[np.cumsum(sizes[order]) < _SPECKS * sizes.sum()]
+    kept = np.setdiff1d(order, specks)
+    low, high = lowers[kept].min(axis=0), uppers[kept].max(axis=0)
+    return (low + high) / 2, float(np.linalg.norm(high - low) / 2)
+
+
 class GeometryData:
     """Meshes, instances and sphere lights on a device.
 
@@ -61,6 +82,7 @@ class GeometryData:
         most_instants: how many instants at a time serve well.
         middle_m: middle of the box around all triangles, from the origin, at the first times.
         radius_m: half the diagonal of that box.
+        bulk: middle and half the diagonal of the box around nearly all, without specks that are far off.
         moving: indices of the instances that move or deform.
         moving_boxes: lower and upper corners of the boxes around these, from the origin, at the last times.
     """
@@ -206,6 +228,7 @@ class GeometryData:
         self._moving_poses = poses[0, self.moving]
         self.middle_m = (lowers.min(axis=0) + uppers.max(axis=0)) / 2
         self.radius_m = float(np.linalg.norm(uppers.max(axis=0) - lowers.min(axis=0)) / 2)
+        self.bulk = bulk_of(lowers, uppers)
         if self._features.two_level:
             self._lowers = array(lowers.astype(np.float32), wp.vec3, self._device)
             self._uppers = array(uppers.astype(np.float32), wp.vec3, self._device)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from clsim.render import SceneData
+from clsim.render.accel.upload_geometry import bulk_of
 from clsim.render.emitters.light_choice import LEAST_SHARE, arriving, fair
 from clsim.scene import Material, PunctualLight, SphereLight, Static
+from clsim.scene.motion import Orbit
 from tests.render import hand_worlds as hw
 
 pytestmark = pytest.mark.usefixtures("anything")
@@ -73,3 +76,26 @@ def test_lamps_that_are_all_off_are_no_reason_to_crash():
     view = hw.camera(hw.look_from((0.0, 1.0, 2.0), (0.0, 0.0, 0.0)), 8, 8, fov_deg=40)
     scene = hw.world(hw.quad((-9, 0, 9), (18, 0, 0), (0, 0, -18)), view=view, sphere_lights=off)
     assert np.all(hw.radiance(hw.render(scene, spp=4)) == 0)
+
+
+def test_a_speck_that_is_far_off_takes_no_draws_from_lamps():
+    """How much of the sky's light comes in goes by how large the scene is, and a bird far away makes it no larger."""
+    floor = hw.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4))
+    bird = hw.box((-0.01, 300.0, 0.0), (0.01, 300.02, 0.02))
+    lamp = SphereLight(0.2, (40.0, 40.0, 40.0), Static(hw.translation(0.0, 2.0, 0.0)))
+    shares = []
+    for meshes in ((floor,), (floor, bird)):
+        motions = [hw.IDENTITY, Orbit((0.0, 300.0, 0.0), 1.0, 1.0)][: len(meshes)]
+        scene = hw.world(*meshes, motions=motions, sphere_lights=(lamp,), environment=(0.01, 0.01, 0.01))
+        shares.append(SceneData(scene).scene.lights.environment_probability)
+    assert shares[0] == pytest.approx(shares[1], rel=1e-6)
+    assert 0.0 < shares[0] < 0.4
+
+
+def test_a_scene_is_as_large_as_nearly_all_of_it():
+    lowers = np.array([[0.0, 0, 0], [100, 0, 0], [-2, 0, 0], [3, 3, 3]])
+    uppers = lowers + np.array([[4.0], [0.05], [0.05], [4.0]])
+    middle, radius_m = bulk_of(lowers, uppers)
+    np.testing.assert_allclose(middle, 3.5)
+    assert radius_m == pytest.approx(3.5 * np.sqrt(3))
+    np.testing.assert_allclose(bulk_of(lowers[1:2], uppers[1:2])[0], middle * 0 + [100.025, 0.025, 0.025])
