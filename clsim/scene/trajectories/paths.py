@@ -68,9 +68,13 @@ def read_path(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation
 
 
 def on_path(world: World, motion: Motion) -> World:
-    """Return the world with its camera on a path; it lasts as long as the path, if that moves."""
-    camera = replace(world.camera, motion=motion)
-    return replace(world, camera=camera, duration_s=motion.duration_s or world.duration_s)
+    """Return the world with its camera on a path; it lasts as long as the path, or all else if the path is one pose."""
+    moved = replace(world, camera=replace(world.camera, motion=motion))
+    rest_s = world.duration_s
+    if rest_s == world.moving_s():
+        # Nobody said how long, and what took longest may have been the camera's own motion.
+        rest_s = moved.moving_s() or rest_s
+    return replace(moved, duration_s=motion.duration_s or rest_s)
 
 
 def _read_csv(path: Path) -> list[Timed]:

@@ -176,6 +176,13 @@ def test_a_path_of_one_pose_lasts_as_long_as_the_scene(tmp_path: Path) -> None:
     world, own = load_world("two-boxes", camera_path=tmp_path / "path.txt"), load_world("two-boxes")
     assert world.duration_s == own.duration_s > 0
     np.testing.assert_allclose(world.camera.motion.pose(0.5), compose((1, 2, 3), np.eye(3)) @ HALF_TURN, atol=1e-12)
+    scene = tmp_path / "scene.toml"
+    keys = "keyframes = [{{ time_s = 0.0, position = [0, 0, 3] }}, {{ time_s = {}, position = [1, 0, 3] }}]\n"
+    scene.write_text(f'[camera]\n{keys.format(6.0)}[[objects]]\nshape = "box"\n{keys.format(1.5)}')
+    assert load_world(scene).duration_s == 6.0
+    assert load_world(scene, camera_path=tmp_path / "path.txt").duration_s == 1.5, "its own way is not gone"
+    scene.write_text(f"duration_s = 3.0\n{scene.read_text()}")
+    assert load_world(scene, camera_path=tmp_path / "path.txt").duration_s == 3.0
 
 
 def test_the_camera_of_a_gltf_can_be_followed(tmp_path: Path) -> None:
