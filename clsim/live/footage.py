@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.errors import InputError
+from clsim.errors import InputError, Notice
 from clsim.events import EventBatch, Sink
 from clsim.events.outputs import FileOptions
 from clsim.footage import Convention, TimeUnit, Transfer
@@ -175,9 +176,11 @@ def _run(source: Footage, make_detector: Any) -> Iterator[EventBatch]:
             try:
                 source.fill(index, frame)
             except SourceEnded:
-                return
+                break
             yield detector.step(frame)
             index += 1
+        if masked := detector.stats.masked:
+            warnings.warn(f"{masked:,} NaN or infinite pixels were masked", Notice, stacklevel=2)
     finally:
         detector.close()
         source.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from fractions import Fraction
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import clsim
+from clsim.errors import Notice
 from clsim.footage.arrays import Arrays
 from clsim.footage.images import Pictures
 from clsim.footage.source import Footage, Reading
@@ -178,3 +180,14 @@ def test_footages_unit_of_light_is_told_by_scale_or_by_lux() -> None:
 def test_a_rate_that_is_told_is_that_of_the_video(tmp_path: Path) -> None:
     path = write_clip(tmp_path / "a.mkv", [np.zeros((8, 48), np.uint8)] * 2, [0, 40], pixels="gray")
     assert Video(path, Reading("linear", fps=7.0)).fps == 7.0
+
+
+def test_pictures_of_no_number_are_told() -> None:
+    """They have no events, and one might look for the reason in vain."""
+    pictures = np.full((3, 4, 5), 0.5, np.float32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sum(map(len, clsim.events_from(pictures, fps=100.0))) == 0
+    pictures[1:, 2, 3] = np.nan
+    with pytest.warns(Notice, match="2 NaN or infinite pixels were masked"):
+        list(clsim.events_from(pictures, fps=100.0))
