@@ -10,22 +10,21 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from clsim.errors import InputError
 from clsim.footage import Transfer
-from clsim.footage.pixels import PixelFormat, pixel_format, to_light
+from clsim.footage.pixels import TOLD_OF_PICTURES, PixelFormat, pixel_format, to_light
 from clsim.footage.source import AS_TOLD, Footage, Reading
 from clsim.footage.tiff import ENDINGS as TIFF
-from clsim.footage.tiff import float_picture
+from clsim.footage.tiff import tiff_picture
 from clsim.footage.transfer import decode
+from clsim.footage.upright import Lie, of_exif
 from clsim.footage.video import first_frame, open_media
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray, page_aligned
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm")
-_HDR = ("pq", "hlg")
 _JPEG = (".jpg", ".jpeg")
+_WITH_EXIF = (*_JPEG, ".png", ".webp")
 _SCAN, _END = b"\xff\xda", b"\xff\xd9"
 
 
@@ -49,8 +48,7 @@ class Pictures(Footage):
         self._kind, size = first.kind, first.size
         transfer = reading.transfer
         if transfer is None:
-            # What libav tells of pictures is a guess of its decoders, but for HDR.
-            told = self._kind.transfer if self._kind.transfer in _HDR else None
+            told = self._kind.transfer if self._kind.transfer in TOLD_OF_PICTURES else None
             transfer = told or ("linear" if self._kind.steps is None else "srgb")
         warnings = () if reading.times_us is not None else tuple(_leaps(path, self._files))
         if len(self._files) == 1:
@@ -82,32 +80,34 @@ class _Picture:
     """A decoded picture: how it stores colour, and its size (width, height)."""
 
     def __init__(self, where: str) -> None:
-        self._floats = float_picture(where) if where.lower().endswith(TIFF) else None
+        name = where.lower()
+        tiff = tiff_picture(where) if name.endswith(TIFF) else None
+        self._planes = None if tiff is None else tiff.planes
         self._frame: Any = None
-        if self._floats is not None:
-            self.kind = PixelFormat("floating point", None, True, None, None, False)
-            self.size = self._floats.shape[2], self._floats.shape[1]
-            return
-        with open_media(where) as container:
-            if where.lower().endswith(_JPEG):
-                _check_whole_jpeg(where)
-            self._frame, _ = first_frame(container, where)
-            self.kind = pixel_format(self._frame, where)
-            self._stored = self._frame.width, self._frame.height
-            self._turns = int(self._frame.rotation) // 90 % 4  # by EXIF
-            self.size = self._stored[::-1] if self._turns % 2 else self._stored
+        if tiff is not None and self._planes is not None:
+            self.kind = PixelFormat("tiles" if tiff.steps else "floating point", tiff.steps, True, None, None, False)
+            self._lie, self._stored = tiff.lie, self._planes.shape[:0:-1]
+        else:
+            with open_media(where) as container:
+                data = Path(where).read_bytes() if name.endswith(_WITH_EXIF) else b""
+                if name.endswith(_JPEG):
+                    _check_whole_jpeg(where, data)
+                self._frame, _ = first_frame(container, where)
+                self.kind = pixel_format(self._frame, where, is_picture=True)
+            self._lie, self._stored = tiff.lie if tiff else of_exif(data), (self._frame.width, self._frame.height)
+        self.size = self._lie.size(*self._stored)
 
     def to_light(self, transfer: Transfer, out_rgb: FloatArray) -> None:
-        if self._floats is None and self._turns:
+        if self._planes is not None:
+            out_rgb[...] = self._lie.upright(self._planes)  # grey spreads over three
+            decode(out_rgb, transfer)
+        elif self._lie == Lie():
+            to_light(self._frame, self.kind, transfer, out_rgb)
+        else:
             width, height = self._stored
             scratch = page_aligned((3, height, width))
             to_light(self._frame, self.kind, transfer, scratch)
-            out_rgb[...] = np.rot90(scratch, self._turns, axes=(1, 2))
-        elif self._floats is None:
-            to_light(self._frame, self.kind, transfer, out_rgb)
-        else:
-            out_rgb[...] = self._floats  # grey spreads over three
-            decode(out_rgb, transfer)
+            out_rgb[...] = self._lie.upright(scratch)
 
 
 def _leaps(path: str | Path, files: list[Path]) -> Iterator[str]:
@@ -123,9 +123,8 @@ def _leaps(path: str | Path, files: list[Path]) -> Iterator[str]:
     yield f"{path}: its numbers leap from {a} to {b}, and what is missing takes no time; give `times` of the pictures"
 
 
-def _check_whole_jpeg(where: str) -> None:
+def _check_whole_jpeg(where: str, data: bytes) -> None:
     """Raise InputError for a JPEG without its end, of which libav makes a picture that is grey below."""
-    data = Path(where).read_bytes()
     if data.rfind(_END) < data.rfind(_SCAN):
         raise InputError(f"{where}: ends in the middle of its picture; expected all of it")
 

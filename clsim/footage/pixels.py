@@ -29,6 +29,8 @@ _WEIGHTS = {
 _TRANSFERS: dict[int, Transfer] = {
     1: "bt709", 6: "bt709", 7: "bt709", 14: "bt709", 15: "bt709", 8: "linear", 13: "srgb", 16: "pq", 18: "hlg",
 }  # fmt: skip
+TOLD_OF_PICTURES = ("pq", "hlg", "linear")
+"""Those that pictures tell of themselves; what else libav tells of them is a guess of its decoders."""
 _709_OF_2020 = np.array(
     [[1.660491, -0.587641, -0.072850], [-0.124550, 1.132900, -0.008349], [-0.018151, -0.100579, 1.118730]], np.float32
 )
@@ -56,27 +58,30 @@ class PixelFormat:
     wide: bool
 
 
-def pixel_format(frame: Any, where: str) -> PixelFormat:
+def pixel_format(frame: Any, where: str, *, is_picture: bool = False) -> PixelFormat:
     """Return how a decoded frame (of PyAV) stores colour.
 
     What a stream does not tell follows from customs: luma and chroma have limited range, grey and RGB full; the matrix
-    is that of BT.601 up to 576 rows, above it that of BT.709.
+    is that of BT.601 up to 576 rows, above it that of BT.709. Pictures have full range and BT.601's, as JPEG has.
 
     Raises:
-        InputError: the colour matrix is none of those known; ``where`` names the file.
+        InputError: the layout or the colour matrix is none of those known; ``where`` names the file.
     """
     kind = frame.format
+    if kind.name.startswith("xyz") or "msb" in kind.name:
+        raise InputError(f"{where}: stores pixels as {kind.name}, expected grey, RGB, or luma and chroma")
     colour = len(kind.components) >= 3 and not kind.is_rgb and not kind.has_palette
     floats = "f16" in kind.name or "f32" in kind.name
     bits = 8 if kind.has_palette else max(c.bits for c in kind.components)
     range_ = int(frame.color_range)
-    full = range_ == _FULL or kind.name.startswith("yuvj") or (range_ != _LIMITED and not colour)
+    full = range_ == _FULL or kind.name.startswith("yuvj") or bits < 8
+    full = full or (range_ != _LIMITED and (is_picture or not colour))
     wide = int(frame.color_primaries) == _BT2020
     weights = None
     if colour:
         matrix = int(frame.colorspace)
         if matrix in _UNSPECIFIED:
-            matrix = _BT2020 if wide else 1 if frame.height > 576 else 6
+            matrix = _BT2020 if wide else 1 if frame.height > 576 and not is_picture else 6
         weights = _WEIGHTS.get(matrix)
         if weights is None:
             raise InputError(f"{where}: has the colour matrix {frame.colorspace}, expected BT.601, 709 or 2020 (NCL)")
@@ -104,10 +109,10 @@ def _store(frame: Any, kind: PixelFormat, out_rgb: FloatArray) -> bool:
     bits = max(c.bits for c in frame.format.components)
     alpha = frame.format.name.startswith("ya")
     grey = alpha or (len(frame.format.components) == 1 and not frame.format.has_palette)
-    if alpha:
-        frame = _as(frame, format="gray" if bits == 8 else "gray16le")
+    if alpha or bits == 1:
+        frame = _as(frame, format="gray" if bits <= 8 else "gray16le")
     elif not grey and kind.steps is not None and not frame.format.name.startswith("gbrp"):
-        frame = _as(frame, format="rgb24" if bits == 8 else "rgb48le")
+        frame = _as(frame, format="rgb24" if bits <= 8 else "rgb48le")
     # Floating point is taken as it is: a conversion would cut highlights.
     pixels = frame.to_ndarray()
     bits = max(c.bits for c in frame.format.components)

@@ -10,11 +10,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from clsim.errors import InputError
-from clsim.footage.pixels import PixelFormat, pixel_format, to_light
+from clsim.footage.pixels import TOLD_OF_PICTURES, PixelFormat, pixel_format, to_light
 from clsim.footage.source import AS_TOLD, Footage, Reading, check_size, whole_us
+from clsim.footage.upright import Lie, of_frame
 from clsim.footage.wholeness import cut_end
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray, page_aligned
@@ -43,13 +42,14 @@ class Video(Footage):
             first, self._frames = first_frame(self._container, where)
             self._first: Any = first
             self._kind: PixelFormat = pixel_format(first, where)
-            self._turns = int(first.rotation) // 90 % 4
+            self._lie = of_frame(first)
             stored = (first.width, first.height)
-            size = (stored[1], stored[0]) if self._turns % 2 else stored
+            size = self._lie.size(*stored)
             stream = self._container.streams.video[0]
             chosen, warnings = reading.transfer or self._kind.transfer, tuple[str, ...]()
-            if reading.transfer is None and stream.codec_context.name in _PICTURE_CODECS:
-                chosen = "srgb"  # pictures are, and what libav tells of them is a guess
+            of_pictures = reading.transfer is None and stream.codec_context.name in _PICTURE_CODECS
+            if of_pictures and chosen not in TOLD_OF_PICTURES:
+                chosen = "srgb"
             if chosen is None:
                 chosen = "bt709"
                 warnings = (f"{where} does not tell its transfer function: taken as bt709; see `transfer`",)
@@ -60,7 +60,7 @@ class Video(Footage):
             self.close()
             raise
         self._stored = stored
-        self._scratch = page_aligned((3, stored[1], stored[0])) if self._turns else None
+        self._scratch = page_aligned((3, stored[1], stored[0])) if self._lie != Lie() else None
         self._own_fps = float(stream.average_rate or self.fps)
         if reading.fps is None and stream.average_rate:
             self.fps = float(stream.average_rate)
@@ -86,7 +86,7 @@ class Video(Footage):
             to_light(frame, self._kind, self.transfer, out_rgb)
         else:
             to_light(frame, self._kind, self.transfer, self._scratch)
-            out_rgb[...] = np.rot90(self._scratch, self._turns, axes=(1, 2))
+            out_rgb[...] = self._lie.upright(self._scratch)
         time_s = time_of(frame)
         if time_s is not None:
             self._end = max(self._end, time_s + (getattr(frame, "duration", 0) or 0) * (frame.time_base or 0))

@@ -33,19 +33,24 @@ def first(source: Footage) -> np.ndarray:
     return frame.planes
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("degrees", [0, 90, 180, 270])
-def test_a_turned_video_is_seen_as_players_show_it(tmp_path: Path, degrees: int) -> None:
-    """Phones write what the chip saw, and a matrix that turns it clockwise (ISO/IEC 14496-12, 8.3.2)."""
+def test_a_turned_or_mirrored_video_is_seen_as_players_show_it(tmp_path: Path, degrees: int, mirrored: bool) -> None:
+    """Phones write what the chip saw, and a matrix that turns it clockwise (ISO/IEC 14496-12, 8.3.2).
+
+    That of a front camera mirrors it first, as x becomes -x.
+    """
     codes = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3)
     path = write_clip(tmp_path / "a.mov", [codes], [0], pixels="rgb24", codec="png")
     data = bytearray(path.read_bytes())
     cos, sin = round(np.cos(np.radians(degrees))), round(np.sin(np.radians(degrees)))
     at = data.index(b"tkhd") + 44
-    matrix = np.array([cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, 0, 0, 1 << 30], ">i4")
+    x = -1 if mirrored else 1
+    matrix = np.array([x * cos << 16, x * sin << 16, 0, -sin << 16, cos << 16, 0, 0, 0, 1 << 30], ">i4")
     assert data[at : at + 4] == b"\0\1\0\0", "the identity's first number"
     data[at : at + 36] = matrix.tobytes()
     path.write_bytes(data)
-    shown = np.rot90(codes, -degrees // 90)
+    shown = np.rot90(codes[:, ::x], -degrees // 90)
     source = Video(path, Reading("linear"))
     assert (source.width, source.height) == (shown.shape[1], shown.shape[0])
     np.testing.assert_allclose(first(source), np.moveaxis(shown, 2, 0) / 255, atol=1e-6)

@@ -161,6 +161,27 @@ def test_a_matrix_that_is_not_known_is_refused(tmp_path):
 _RED = {6: (81, 90, 240), 1: (63, 102, 240)}
 
 
+@pytest.mark.parametrize("layout", ["xyz12le", "yuv444p10msble"])
+def test_pixels_that_are_laid_out_in_a_rare_way_are_refused(layout):
+    """Of digital cinema, and with padding below the bits: they were taken for what they are not."""
+    try:
+        frame = av.VideoFrame(16, 16, layout)
+    except ValueError:
+        pytest.skip("this libav does not know it")
+    with pytest.raises(InputError, match=f"a: stores pixels as {layout}, expected grey, RGB, or luma and chroma"):
+        pixel_format(frame, "a")
+
+
+@pytest.mark.parametrize("told", [0, 1, 2])
+@pytest.mark.parametrize("layout", ["rgb565le", "bgr555le", "monob"])
+def test_few_bits_have_full_range_whatever_is_told(layout, told):
+    frame = av.VideoFrame.from_ndarray(np.full((8, 16, 3), 255, np.uint8), format="rgb24").reformat(format=layout)
+    frame.color_range = told
+    out = np.zeros((3, 8, 16), np.float32)
+    to_light(frame, pixel_format(frame, "a"), "as-is", out)
+    np.testing.assert_allclose(out, 1.0, atol=1e-3)
+
+
 @pytest.mark.parametrize(("rows", "matrix"), [(480, 6), (576, 6), (578, 1), (720, 1)])
 def test_clips_that_do_not_tell_their_matrix_have_that_of_their_size(tmp_path, rows, matrix):
     """Both standards of television, NTSC with 480 rows and PAL with 576, are BT.601's."""
