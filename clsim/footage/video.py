@@ -19,11 +19,16 @@ from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray, page_aligned
 
 _PICTURE_CODECS = ("gif", "apng", "png", "webp", "bmp", "targa")
+_UNTOLD = (0, 2, 3)
+_COVER = 1 << 10
+"""libav's mark of a stream that is a cover."""
 _TELLING = {"matroska", "mp4", "avi", "flv", "asf"}
 """Containers whose header tells how long they are; of others libav finds it by their size."""
 _END_MARKS = {"gif": b";", "apng": b"IEND"}
 _CUT_FRAMES = 1.5
 """So many frames must be missing: headers are not exact."""
+_LATE_IN_FLV = 2
+"""Frames by which the first that is shown may follow the first that is decoded, from which FLV counts its length."""
 
 
 class Video(Footage):
@@ -51,8 +56,13 @@ class Video(Footage):
             if of_pictures and chosen not in TOLD_OF_PICTURES:
                 chosen = "srgb"
             if chosen is None:
-                chosen = "bt709"
-                warnings = (f"{where} does not tell its transfer function: taken as bt709; see `transfer`",)
+                chosen, number = "bt709", int(first.color_trc)
+                told = "does not tell its transfer function"
+                if number not in _UNTOLD:
+                    told = f"has the transfer function {number} of H.273, which is not known"
+                warnings = (f"{where} {told}: taken as bt709; see `transfer`",)
+            if (films := sum(map(_is_film, self._container.streams.video))) > 1:
+                warnings = (*warnings, f"{where} holds {films} films, of which the first is read")
             if first.interlaced_frame:
                 warnings = (*warnings, f"{where} is interlaced: lines of two times are taken as of one; deinterlace it")
             super().__init__(where, size, self._kind.steps, chosen, reading, warnings)
@@ -68,6 +78,7 @@ class Video(Footage):
         self._start = start if start is not None and start < 0 else Fraction(0)
         self._told_end = told_end(self._container)
         self._end = Fraction(0)
+        self._damaged: int | None = None
 
     def _read(self, index: int, out_rgb: FloatArray) -> int | None:
         frame, self._first = self._first, None
@@ -87,37 +98,43 @@ class Video(Footage):
         else:
             to_light(frame, self._kind, self.transfer, self._scratch)
             out_rgb[...] = self._lie.upright(self._scratch)
+        if self._damaged is None and frame.is_corrupt:
+            self._damaged = index
         time_s = time_of(frame)
         if time_s is not None:
             self._end = max(self._end, time_s + (getattr(frame, "duration", 0) or 0) * (frame.time_base or 0))
         return None if time_s is None else whole_us(time_s - self._start)
 
     def _check_end(self) -> None:
-        """Raise InputError where the file ends before its header says: it was cut."""
+        """Raise InputError where the file ends before its header says, for it was cut, or has a damaged frame."""
         mark = _END_MARKS.get(self._container.format.name)
         if mark is not None and not _ends_with(self._where, mark):
             raise InputError(
                 f"{self._where}: ends at {float(self._end):.3f} s without its end mark; expected a whole file"
             )
-        if self._told_end is None:
-            self._check_container()
-            return
-        missing_s = float(self._told_end - self._end)
-        frames = round(missing_s * self._own_fps)
-        if frames >= 1 and missing_s * self._own_fps > _CUT_FRAMES:
+        end_s = float(self._end)
+        told_s = end_s if self._told_end is None else float(self._told_end)
+        missing = (told_s - end_s) * self._own_fps
+        if missing > _CUT_FRAMES + (_LATE_IN_FLV if self._container.format.name == "flv" else 0):
             raise InputError(
-                f"{self._where}: ends at {float(self._end):.3f} s, but its header tells {float(self._told_end):.3f} s: "
-                f"some {frames} frames are missing; expected a whole video"
+                f"{self._where}: ends at {end_s:.3f} s, but its header tells {told_s:.3f} s: some {round(missing)} "
+                "frames are missing; expected a whole video"
             )
-        self._check_container()
-
-    def _check_container(self) -> None:
         if cut := cut_end(self._where, self._container.format.name):
-            raise InputError(f"{self._where}: ends at {float(self._end):.3f} s and {cut}; expected a whole video")
+            raise InputError(f"{self._where}: ends at {end_s:.3f} s and {cut}; expected a whole video")
+        if self._damaged is not None:
+            raise InputError(
+                f"{self._where}: frame {self._damaged} is damaged, and what follows may be too; expected a whole video"
+            )
 
     def close(self) -> None:
         """Release the file; safe to call twice."""
         self._container.close()
+
+
+def _is_film(stream: Any) -> bool:
+    """Tell whether a stream is no cover; older PyAV knows none."""
+    return not getattr(getattr(stream, "disposition", None), "value", 0) & _COVER
 
 
 def _ends_with(where: str, mark: bytes) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import tifffile
+from av.stream import Disposition
 from PIL import Image
 
 from clsim.errors import InputError
@@ -327,3 +328,51 @@ def test_boxes_tell_their_length_in_32_bits_or_in_64(tmp_path: Path, long: tuple
     assert cut_end(str(path), "mov,mp4") == f"lacks 3 of the {len(boxes[1])} bytes of its last box (moov)"
     path.write_bytes(boxes[0][:-7])
     assert cut_end(str(path), "mov,mp4") == f"lacks 7 of the {len(boxes[0])} bytes of its last box (mdat)"
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_file_of_several_films_tells_that_the_first_is_read(tmp_path: Path, count: int) -> None:
+    """Stereo cameras write such; a cover is no film."""
+    with av.open(str(tmp_path / "a.mp4"), "w") as container:
+        streams: list[Any] = [container.add_stream(codec, rate=Fraction(30)) for codec in ["mpeg4"] * count + ["mjpeg"]]
+        for stream in streams:
+            stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        streams[-1].pix_fmt, streams[-1].disposition = "yuvj420p", Disposition.attached_pic
+        for k, stream in enumerate(streams):
+            for _ in range(1 if stream is streams[-1] else 3):
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(k), "rgb24")))
+            container.mux(stream.encode())
+    told = [text for text in Video(tmp_path / "a.mp4").warnings if " films," in text]
+    assert told == ([] if count == 1 else [f"{tmp_path / 'a.mp4'} holds {count} films, of which the first is read"])
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.avi"])
+def test_a_video_with_a_frame_that_is_damaged_tells_it(tmp_path: Path, name: str) -> None:
+    """libav makes up what it cannot decode."""
+    path = film(tmp_path / name, "mpeg4")
+    assert len(read(Video(path, Reading("srgb")))) == COUNT
+    data = bytearray(path.read_bytes())
+    middle = slice(len(data) // 2, len(data) // 2 + 40)
+    data[middle] = bytes(byte ^ 0x55 for byte in data[middle])
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"frame \d+ is damaged, and what follows may be too; expected a whole video"):
+        read(Video(path, Reading("srgb")))
+
+
+def test_an_flv_whose_frames_refer_to_later_ones_is_whole(tmp_path: Path) -> None:
+    """Its header counts from the first frame that is decoded, which is not the first that is shown."""
+    for count in ("0", "2"):
+        with av.open(str(tmp_path / "a.flv"), "w") as container:
+            stream: Any = container.add_stream("libx264", rate=Fraction(30), options={"bf": count})
+            stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+            for k in range(COUNT):
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(k % 2), "rgb24")))
+            container.mux(stream.encode())
+        assert len(read(Video(tmp_path / "a.flv", Reading("srgb")))) == COUNT
+
+
+def test_a_transfer_function_that_is_not_known_is_told_as_such(tmp_path: Path) -> None:
+    for told, sentence in ((2, "does not tell its transfer function"), (4, "has the transfer function 4 of H.273")):
+        path = write_clip(tmp_path / "a.mkv", [np.zeros((8, 8), np.uint8)], [0], pixels="gray", trc=told)
+        (warning,) = Video(path).warnings
+        assert sentence in warning and warning.endswith(": taken as bt709; see `transfer`")
