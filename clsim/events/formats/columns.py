@@ -43,6 +43,8 @@ def from_columns(t: Any, x: Any, y: Any, p: Any, *, first_row: int = 0, **labels
     for name, column in (("x", x), ("y", y)):
         events[name] = _whole(name, column, 0, 65535, "0 to 65535", first_row)
     polarity = _whole("p", p, -1, 1, "0 and 1, or -1 and 1", first_row)
+    if (polarity == -1).any() and (polarity == 0).any():
+        raise ColumnError("column p has both 0 and -1; expected 0 and 1, or -1 and 1")
     events["on"] = polarity > 0
     for name, column in labels.items():
         if column.dtype.kind not in "iub":

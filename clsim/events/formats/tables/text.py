@@ -70,7 +70,13 @@ def open_source(path: Path) -> EventSource:
     return EventSource(path, *table.size, _read(path, table))
 
 
-_US = {"s": 1e6, "sec": 1e6, "seconds": 1e6, "ms": 1e3, "us": 1.0, "µs": 1.0, "usec": 1.0, "ns": 1e-3, "nsec": 1e-3}
+_UNITS = {
+    1e6: "s sec secs second seconds",
+    1e3: "ms msec millis millisecond milliseconds",
+    1.0: "us \u00b5s \u03bcs \ufffds usec microsec microsecond microseconds",  # the last sign is Latin 1's
+    1e-3: "ns nsec nanosec nanosecond nanoseconds",
+}
+_US = {name: factor for factor, names in _UNITS.items() for name in names.split()}
 _LOOK_AT = 1000
 _SOME_TIMES = 10
 
@@ -100,7 +106,7 @@ class _Table:
     @classmethod
     def of(cls, start: bytes) -> _Table:
         """Find out from the beginning of a file; raises ValueError for names that are not those of events."""
-        lines = _with_digits(start).decode("utf-8-sig", "replace").splitlines()[:_LOOK_AT]
+        lines = _with_digits(start).decode("utf-8-sig", "replace").split("\n")[:_LOOK_AT]
         rows = [(k, line.strip()) for k, line in enumerate(lines) if line.strip()]
         names: dict[str, str] | None = None
         order: list[str] = []
@@ -181,8 +187,11 @@ def _plain(name: str) -> str:
 
 
 def _unit(name: str) -> float | None:
-    """Return the µs in the unit that a column's name tells."""
-    found = re.search(rf"(?:_|[\[(]\s*)({'|'.join(_US)})(?:\s*[\])])?$", name.strip("'\" ").lower())
+    """Return the µs in the unit that a column's name tells; raises ValueError for one that is not known."""
+    word = name.strip("'\" ").lower()
+    found = re.search(rf"(?:_|[\[(]\s*)({'|'.join(_US)})(?:\s*[\])])?$", word)
+    if found is None and re.search(r"[\[(]", word):
+        raise ValueError(f"it names t in a unit that is not known: {word[:40]}; expected s, ms, us or ns")
     return _US[found[1]] if found else None
 
 
