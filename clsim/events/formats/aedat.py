@@ -11,6 +11,7 @@ https://github.com/SensorsINI/jaer (DVS128.java, DavisBaseCamera.java).
 
 from __future__ import annotations
 
+import contextlib
 import re
 import struct
 from collections.abc import Iterator
@@ -33,10 +34,15 @@ _SIZES = {
 }  # fmt: skip
 """Sensors by the beginning of their chip's name."""
 _LONGEST_LINE = 1 << 16
-_PACKET = struct.Struct("<hhiiiiii")
+_PACKET = struct.Struct("<HHiiiiii")
 _POLARITY, _EVENT_BYTES = 1, 8
 _LARGEST_PACKET = 1 << 28
 _LAP_BITS = 31
+_COMPRESSED = 0x8000
+"""cAER's mark in the type of a packet, whose capacity then tells bytes."""
+_HEADER_LINE = re.compile(rb"#[^\x00-\x08\x0b\x0c\x0e-\x1f]*")
+"""An event may begin with the byte of a ``#`` too."""
+_HEADER_END = re.compile(r"#!END-HEADER|#\s*End Of ASCII Header", re.IGNORECASE)
 # DAVIS: what tells a polarity event from samples and others, and where its parts are.
 _DAVIS_OTHERS = 0x80000400
 _DVS128_SPECIAL = 0x8000
@@ -47,10 +53,16 @@ class _Header:
     version: str
     chip: str
     start: int
+    sources: dict[int, str]
+    """Chips of AEDAT 3.1 by the numbers of their sources."""
 
     @property
     def size(self) -> tuple[int, int] | None:
-        return next((size for name, size in _SIZES.items() if self.chip.startswith(name)), None)
+        return _size_of(self.chip)
+
+
+def _size_of(chip: str) -> tuple[int, int] | None:
+    return next((size for name, size in _SIZES.items() if chip.startswith(name)), None)
 
 
 def open_source(path: Path) -> EventSource:
@@ -58,8 +70,10 @@ def open_source(path: Path) -> EventSource:
     with open_binary(path) as file:
         header = _read_header(path, file)
     if header.version == "3.1":
-        width, height = header.size or (None, None)
-        return EventSource(path, width, height, _packets(path, header), format="aedat 3.1")
+        first = _first_source(path, header.start)
+        width, height = _size_of(header.sources.get(first, header.chip)) or (None, None)
+        batches = (events for source, events in _packets(path, header.start) if source == first)
+        return EventSource(path, width, height, batches, format="aedat 3.1")
     if header.version not in ("1.0", "2.0"):
         raise InputError(f"{path}: is AEDAT {header.version}; expected 3.1, 2.0 or 1.0 (AEDAT 4 ends in .aedat4)")
     if header.size is None or not header.chip.startswith(("dvs128", "davis")):
@@ -74,18 +88,20 @@ def _read_header(path: Path, file: BinaryIO) -> _Header:
     found = re.match(rb"#!AER-DAT(\d\.\d)", line)
     if found is None:
         raise damaged(path, "expected it to begin with #!AER-DAT")
-    version, chip = found[1].decode(), ""
+    version, chip, sources = found[1].decode(), "", dict[int, str]()
     start = file.tell()
-    while (line := file.readline(_LONGEST_LINE)).startswith(b"#"):
+    while _HEADER_LINE.fullmatch(line := file.readline(_LONGEST_LINE)):
         start = file.tell()
         text = line.decode("latin-1").strip()
-        if text.startswith("#!END-HEADER"):
+        if _HEADER_END.match(text):
             break
+        if source := re.match(r"#Source (\d{1,4}):\s*(\w+)", text):
+            sources[int(source[1])] = source[2].lower()
         if told := re.match(r"#\s*AEChip:\s*(?:[\w.]*\.)?(\w+)", text) or re.match(r"#Source \d+:\s*(\w+)", text):
             chip = chip or told[1].lower()
     # Before jAER told the chip, there was one.
     old = not chip and version in ("1.0", "2.0")
-    return _Header(version, "dvs128" if old and _has_dvs128(path, start, version) else chip, start)
+    return _Header(version, "dvs128" if old and _has_dvs128(path, start, version) else chip, start, sources)
 
 
 def _has_dvs128(path: Path, start: int, version: str) -> bool:
@@ -131,23 +147,34 @@ def _check(columns: npt.NDArray[np.uint32], rows: npt.NDArray[np.uint32], width:
             raise ValueError(f"an event at {name} = {values.max()} lies outside the sensor's {size} pixels")
 
 
-def _packets(path: Path, header: _Header) -> Iterator[EventBatch]:
+def _first_source(path: Path, start: int) -> int:
+    """Return the number of the source of the first events."""
+    with contextlib.suppress(CutShortError):
+        return next((source for source, _ in _packets(path, start)), 0)
+    return 0
+
+
+def _packets(path: Path, start: int) -> Iterator[tuple[int, EventBatch]]:
+    """Yield the events of each packet, and the number of their source."""
     with open_binary(path) as file:
-        file.seek(header.start)
+        file.seek(start)
         while len(head := file.read(_PACKET.size)) == _PACKET.size:
-            kind, _, size, _, laps, capacity, count, _ = _PACKET.unpack(head)
-            if size < 0 or capacity < 0 or size * capacity > _LARGEST_PACKET or not 0 <= count <= capacity:
+            kind, source, size, _, laps, capacity, count, _ = _PACKET.unpack(head)
+            length = capacity if kind & _COMPRESSED else size * capacity
+            if size < 0 or capacity < 0 or length > _LARGEST_PACKET or count < 0:
                 raise ValueError(f"a packet of {count} of {capacity} events of {size} bytes")
-            if kind != _POLARITY:
-                file.seek(max(0, size * capacity - 1), 1)
-                if size * capacity and not file.read(1):
+            if kind & ~_COMPRESSED != _POLARITY:
+                file.seek(max(0, length - 1), 1)
+                if length and not file.read(1):
                     raise CutShortError("within a packet")
                 continue
-            if size != _EVENT_BYTES:
-                raise ValueError(f"a polarity event of {size} bytes")
-            data = file.read(size * capacity)
-            yield _polarity(data[: size * count], laps)
-            if len(data) < size * capacity:
+            if kind & _COMPRESSED:
+                raise ValueError("a packet of events is compressed, expected cAER's format RAW")
+            if size != _EVENT_BYTES or count > capacity:
+                raise ValueError(f"a packet of {count} of {capacity} polarity events of {size} bytes")
+            data = file.read(length)
+            yield source, _polarity(data[: size * count], laps)
+            if len(data) < length:
                 raise CutShortError("within a packet")
         if head:
             raise CutShortError("within a packet")
