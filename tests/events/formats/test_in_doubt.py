@@ -5,10 +5,12 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from scipy.io import savemat
 
-from clsim.errors import InputError
+from clsim.errors import InputError, Notice
 from clsim.events.files import open_source
 from clsim.events.formats.columns import from_columns
 
@@ -101,3 +103,33 @@ def test_packets_that_caer_compressed_are_refused_and_those_of_frames_left_out(t
         (tmp_path / "a.aedat").write_bytes(_AEDAT_3 + before + events)
         with pytest.raises(InputError, match="a packet of events is compressed, expected cAER's format RAW"):
             open_source(tmp_path / "a.aedat").read()
+
+
+def test_a_mat_of_several_structs_of_events_is_refused(tmp_path: Path) -> None:
+    """Of an ATIS there are changes and measurements, of two cameras left and right."""
+    row = np.arange(5)
+    one = {"x": row, "y": row, "p": row % 2, "ts": row}
+    savemat(tmp_path / "a.mat", {"note": 3, "TD": one, "EM": {"n": 1}})
+    assert len(open_source(tmp_path / "a.mat").read()) == 5
+    savemat(tmp_path / "a.mat", {"EM": one | {"x": row + 1}, "all": {"TD": one}})
+    with pytest.raises(InputError, match=r"a\.mat: .*EM, all\.TD each hold events; expected one of them alone"):
+        open_source(tmp_path / "a.mat").read()
+
+
+def test_hdf5_whose_columns_end_at_several_rows_tells_that_it_may_be_cut(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, rows in {"t": 9, "x": 9, "y": 8, "p": 7}.items():
+            file[f"events/{name}"] = np.arange(rows) % (2 if name == "p" else 100)
+    with pytest.warns(Notice, match=r"a\.h5: ends at row 7, and some of its columns at row 9, so it may be cut"):
+        assert len(open_source(tmp_path / "a.h5").read()) == 7
+    with pytest.raises(InputError, match="refused by `strict`"):
+        open_source(tmp_path / "a.h5", strict=True).read()
+
+
+def test_hdf5_may_tell_the_sensor_beside_its_columns(tmp_path: Path) -> None:
+    """As the data sets that Prophesee's detectors are trained with."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.update({f"events/{name}": np.arange(3) % 2 for name in "txyp"})
+        file["events/height"], file["events/width"] = 720, 1280
+    found = open_source(tmp_path / "a.h5")
+    assert (found.width, found.height) == (1280, 720)

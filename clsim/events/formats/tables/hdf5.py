@@ -22,7 +22,7 @@ from clsim.errors import InputError
 from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, Labels
 from clsim.events.formats.columns import find_columns, from_columns
 from clsim.events.formats.filesink import FileSink, FlushPolicy, Limits
-from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
+from clsim.events.formats.filesource import CHUNK_EVENTS, CutShortError, EventSource, damaged, open_binary
 from clsim.events.formats.tables.hdf5_growing import GrowingHdf5
 from clsim.events.formats.tables.npy import of_array
 
@@ -210,9 +210,11 @@ def _need_filters(path: Path, column: Any) -> None:
 
 
 def _size(file: Any, group: Any) -> tuple[int | None, int | None]:
-    """Return the sensor's width and height: event_utils tells rows and columns, M3ED and MVSEC what is in the group."""
+    """Return the sensor's width and height: event_utils tells rows and columns, others what is in the group."""
     if "width" in group.attrs and "height" in group.attrs:
         return int(group.attrs["width"]), int(group.attrs["height"])
+    if all(getattr(group.get(side), "shape", None) == () for side in ("width", "height")):
+        return int(group["width"][()]), int(group["height"][()])
     if "calib/resolution" in group:
         width, height = np.ravel(group["calib/resolution"]).tolist()
         return int(width), int(height)
@@ -231,7 +233,7 @@ def _is_column(item: Any, kind: str) -> bool:
 
 def _read(file: Any, columns: dict[str, Any], labels: Labels, offset: int, in_seconds: bool) -> Iterator[EventBatch]:
     with file:
-        rows = min(len(column) for column in columns.values())
+        rows, most = (end(len(column) for column in columns.values()) for end in (min, max))
         for start in range(0, rows, CHUNK_EVENTS):
             stop = min(start + CHUNK_EVENTS, rows)
             parts = {name: column[start:stop] for name, column in columns.items()}
@@ -240,6 +242,8 @@ def _read(file: Any, columns: dict[str, Any], labels: Labels, offset: int, in_se
             events = from_columns(**parts, first_row=start)
             events["t"] += offset
             yield events
+    if rows < most:
+        raise CutShortError(f"at row {rows}, and some of its columns at row {most}")
 
 
 def _read_table(file: Any, table: Any) -> Iterator[EventBatch]:

@@ -41,17 +41,24 @@ def _read(columns: Mapping[str, npt.NDArray[Any]]) -> Iterator[EventBatch]:
 
 
 def _find(variables: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]] | None:
-    """Return the columns among variables, or within the first struct that has them, whatever it is called."""
+    """Return the columns among variables, or within the only struct that has them, whatever it is called."""
+    found = dict(_structs(variables))
+    if len(found) > 1:
+        raise ValueError(f"{', '.join(sorted(found))[:80]} each hold events; expected one of them alone")
+    return next(iter(found.values()), None)
+
+
+def _structs(variables: Mapping[str, Any], within: str = "") -> Iterator[tuple[str, dict[str, npt.NDArray[Any]]]]:
+    """Yield the columns among variables, or those of structs within that have them, by where they are."""
     found = find_columns(variables)
     if found is not None:
         columns = {name: np.asarray(variables[found[name]]) for name in NAMES}
         if all(column.dtype.kind in "iubf" for column in columns.values()):
-            return {name: column.reshape(-1) for name, column in columns.items()}
-    for value in variables.values():
-        inner = _find(value) if isinstance(value, Mapping) else None
-        if inner is not None:
-            return inner
-    return None
+            yield within, {name: column.reshape(-1) for name, column in columns.items()}
+            return
+    for name, value in variables.items():
+        if isinstance(value, Mapping):
+            yield from _structs(value, f"{within}.{name}" if within else name)
 
 
 def _matlab(path: Path) -> dict[str, Any]:
