@@ -32,6 +32,7 @@ _PACKET_TEXT = (
 MONO_SPAN_US = 4_000_000
 """A packet of encoding mono counts its ns in 32 bits: less than 4.29 s."""
 _US_PER_S = 1_000_000
+_WORD_BYTES = {"mono": 8, "evt3": 2, "libcaer": 8, "libcaer_cmp": 2}
 # Words of libcaer_cmp, by their upper 4 bits.
 _CMP_TIME_HIGH, _CMP_TIME_LOW, _CMP_COLUMN, _CMP_ROW, _CMP_BASE, _CMP_VECTOR = range(6)
 _ARRAY_DTYPES = {
@@ -213,16 +214,18 @@ class MessageDecoder:
         if message.take("B"):
             raise ValueError("a packet is big-endian")
         block = message.block(message.take("I"))
+        if len(block) % _WORD_BYTES.get(encoding, 1):
+            raise ValueError(f"a packet of {len(block)} bytes ends within a word of {encoding}")
         if encoding == "mono":
-            return _of_mono(np.frombuffer(block[: len(block) // 8 * 8], "<u8"), base_ns)
+            return _of_mono(np.frombuffer(block, "<u8"), base_ns)
         if encoding == "evt3":
             if self._evt3 is None:
                 self._evt3 = Evt3Decoder(self.width, self.height)
-            return self._evt3.decode(np.frombuffer(block[: len(block) // 2 * 2], "<u2"))
+            return self._evt3.decode(np.frombuffer(block, "<u2"))
         if encoding == "libcaer":
-            return _of_libcaer(np.frombuffer(block[: len(block) // 8 * 8], "<u4").reshape(-1, 2), base_ns)
+            return _of_libcaer(np.frombuffer(block, "<u4").reshape(-1, 2), base_ns)
         if encoding == "libcaer_cmp":
-            return self._of_compressed(np.frombuffer(block[: len(block) // 2 * 2], "<u2"), base_ns)
+            return self._of_compressed(np.frombuffer(block, "<u2"), base_ns)
         raise ValueError(f"packets have the encoding {encoding[:40]!r}, expected mono, evt3, libcaer or libcaer_cmp")
 
     def _of_compressed(self, words: npt.NDArray[np.uint16], base_ns: int) -> EventBatch:

@@ -122,3 +122,11 @@ def test_bags_of_the_older_message_and_overlapping_packets_are_read(tmp_path: Pa
     found = source.read()
     assert np.array_equal(found["t"], batch["t"]) and source.moved_events == len(parts[2]) != 0
     assert sorted(found.tolist()) == sorted(batch.tolist())
+
+
+@pytest.mark.parametrize(("encoding", "word"), [("mono", 8), ("evt3", 2), ("libcaer", 8), ("libcaer_cmp", 2)])
+def test_a_packet_that_ends_within_a_word_is_damaged(encoding: str, word: int) -> None:
+    assert decoded(encoding, b"") == decoded(encoding, bytes(0)) == [[]]
+    for size in (1, word + 1, 3 * word - 1):
+        with pytest.raises(ValueError, match=f"a packet of {size} bytes ends within a word of {encoding}"):
+            decoded(encoding, bytes(size))
