@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from pathlib import Path
 
 import h5py
@@ -133,3 +134,21 @@ def test_hdf5_may_tell_the_sensor_beside_its_columns(tmp_path: Path) -> None:
         file["events/height"], file["events/width"] = 720, 1280
     found = open_source(tmp_path / "a.h5")
     assert (found.width, found.height) == (1280, 720)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_mat_whose_elements_lie_in_no_order_is_refused(tmp_path: Path, compressed: bool) -> None:
+    """SciPy ended the process at an element of a kind that is none, and at one whose length reaches too far."""
+    row = np.arange(30)
+    savemat(tmp_path / "a.mat", {"t": row, "x": row, "y": row, "p": row % 2})
+    data = (tmp_path / "a.mat").read_bytes()
+    size = struct.unpack_from("<I", data, 132)[0]
+    for at, value in ((152, 0x63), (176, 0xC8), (180, 1 << 20), (132, 1 << 30), (132, 20)):
+        bad = bytearray(data[: 136 + size])
+        struct.pack_into("<I", bad, at, value)
+        if compressed:
+            body = zlib.compress(bad[128:])
+            bad = bad[:128] + struct.pack("<II", 15, len(body)) + body
+        (tmp_path / "b.mat").write_bytes(bad)
+        with pytest.raises(InputError, match=r"b\.mat: is damaged or of another format"):
+            open_source(tmp_path / "b.mat").read()

@@ -6,6 +6,9 @@ are taken as they are.
 
 from __future__ import annotations
 
+import io
+import struct
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +20,9 @@ from clsim.events.batch import EventBatch
 from clsim.events.formats.columns import NAMES, find_columns, from_columns
 from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 
+_HEADER_BYTES = 128
+_MATRIX, _COMPRESSED = 14, 15
+_KINDS = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _MATRIX, 16, 17, 18)
 _HDF5_AT, _HDF5_MAGIC = 512, b"\x89HDF\r\n\x1a\n"
 
 
@@ -64,8 +70,50 @@ def _structs(variables: Mapping[str, Any], within: str = "") -> Iterator[tuple[s
 def _matlab(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
-    found = loadmat(str(path), simplify_cells=True)
+    data = path.read_bytes()
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:_HEADER_BYTES])
+    if order is not None:  # version 5
+        data = data[:_HEADER_BYTES] + _inflated(data[_HEADER_BYTES:], order)
+    found = loadmat(io.BytesIO(data), simplify_cells=True)
     return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _inflated(data: bytes, order: str) -> bytes:
+    """Return elements without compression; raises ValueError where they lie in no order: SciPy ends the process then.
+
+    Source: MathWorks, MAT-File Format, version 5.
+    """
+    plain = []
+    for kind, body, whole in _elements(data, order):
+        if kind == _COMPRESSED:  # one other
+            ((kind, body, whole),) = _elements(zlib.decompress(body), order)
+        _check(kind, body, order)
+        plain.append(whole)
+    return b"".join(plain)
+
+
+def _check(kind: int, body: bytes, order: str) -> None:
+    if kind not in _KINDS:
+        raise ValueError(f"an element of kind {kind}")
+    if kind == _MATRIX:
+        for inner, part, _ in _elements(body, order):
+            _check(inner, part, order)
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes, bytes]]:
+    """Yield the kind of each element, what it holds, and all of it."""
+    at = 0
+    while at < len(data):
+        if at + 8 > len(data):
+            raise ValueError("it ends within an element")
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        start, follows = at + 8, at + 8 + size + (0 if kind == _COMPRESSED else -size % 8)
+        if kind >> 16:  # of up to 4 bytes, within its own head
+            kind, size, start, follows = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+        if start + size > min(follows, len(data)):
+            raise ValueError("an element ends beyond what it lies in")
+        yield kind, data[start : start + size], data[at:follows]
+        at = follows
 
 
 def _hdf5(path: Path) -> dict[str, Any]:
