@@ -133,7 +133,7 @@ def picture_files(path: str | Path) -> list[Path]:
     """List the pictures of a folder or glob pattern, ordered by the numbers in their names.
 
     Raises:
-        InputError: there is none, or a folder holds several films.
+        InputError: there is none, or there are several films.
     """
     base = Path(path)
     found = list(base.iterdir()) if base.is_dir() else [Path(name) for name in glob.glob(str(path))]
@@ -141,34 +141,34 @@ def picture_files(path: str | Path) -> list[Path]:
     if not files:
         raise InputError(f"no picture at {path}; expected a folder or glob pattern of {', '.join(ENDINGS)}")
     if base.is_dir():
-        _check_one_film(base, files)
+        _check_one_film(path, base, [file.name for file in files])
+    else:
+        _check_one_film(path, Path(), [str(file) for file in files])
     return sorted(files, key=_natural)
 
 
-def _check_one_film(folder: Path, files: list[Path]) -> None:
+def _check_one_film(path: str | Path, folder: Path, files: list[str]) -> None:
     """Raise InputError where names tell of several films, such as ``rgba_0001`` and ``depth_0001``, or of a stray."""
     films: dict[str, list[str]] = {}
     for file in files:
-        films.setdefault(re.sub(r"\d+", "*", file.name), []).append(file.name)
+        films.setdefault(re.sub(r"\d+", "*", file), []).append(file)
     if max(map(len, films.values())) > 1 and len(films) > 1:
         told = ", ".join(sorted(films)[:8])
         example = folder / max(films, key=lambda film: len(films[film]))
-        raise InputError(
-            f"{folder}: holds pictures of several kinds: {told}; choose with a pattern, such as '{example}'"
-        )
+        raise InputError(f"{path}: holds pictures of several kinds: {told}; choose with a pattern, such as '{example}'")
     for film, names in films.items():
         if film.count("*") > 1:
-            _check_one_number(folder, film, names)
+            _check_one_number(path, folder, names)
 
 
-def _check_one_number(folder: Path, film: str, names: list[str]) -> None:
+def _check_one_number(path: str | Path, folder: Path, names: list[str]) -> None:
     """Raise InputError where names that differ in an earlier number count anew behind it: ``cam0_0001``, ``cam1_0001``.
 
     Times, such as ``12_59_59`` and ``1690000000.123456``, hardly ever come to the same last number again and again.
     """
     before: dict[tuple[str, ...], set[str]] = {}
     for name in names:
-        *first, last = re.findall(r"\d+", Path(name).stem)
+        *first, last = re.findall(r"\d+", str(Path(name).with_suffix("")))
         before.setdefault(tuple(first), set()).add(last)
     films = sorted(before)
     if len(films) < 2 or any(len(last) < 2 or last != before[films[0]] for last in before.values()):
@@ -176,12 +176,12 @@ def _check_one_number(folder: Path, film: str, names: list[str]) -> None:
     marks = iter([*films[0], "*"])
     example = folder / re.sub(r"\d+", lambda _: next(marks), names[0], count=len(films[0]) + 1)
     raise InputError(
-        f"{folder}: holds {len(films)} films whose pictures are counted alike; choose one with a pattern, such as "
+        f"{path}: holds {len(films)} films whose pictures are counted alike; choose one with a pattern, such as "
         f"'{example}'"
     )
 
 
 def _natural(file: Path) -> tuple[list[tuple[int, int, str]], str]:
-    """Return a key that orders 2 before 10."""
-    parts = re.split(r"(\d+)", file.stem)
+    """Return a key that orders 2 before 10, in names of folders too."""
+    parts = re.split(r"(\d+)", str(file.with_suffix("")))
     return [(1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts], file.name

@@ -6,7 +6,8 @@ import PIL.Image
 import PIL.ImageOps
 import pytest
 
-from clsim.footage.images import Pictures
+from clsim.errors import InputError
+from clsim.footage.images import Pictures, picture_files
 from clsim.footage.source import Reading
 from clsim.footage.transfer import decode
 from clsim.footage.video import Video
@@ -84,3 +85,31 @@ def test_interlaced_video_is_told(tmp_path, interlaced):
     video = Video(path)
     assert any("is interlaced" in warning for warning in video.warnings) is interlaced
     video.close()
+
+
+@pytest.mark.parametrize(
+    ("names", "pattern", "kinds"),
+    [
+        (["depth_{}.png", "rgba_{}.png"], "*.png", "several kinds: .*depth_.*, .*rgba_"),
+        (["-{}.png", "{}.png"], "*.png", "several kinds"),
+        (["cam0/{}.png", "cam1/{}.png"], "*/*.png", "holds 2 films whose pictures are counted alike"),
+        (["left/{}.png", "right/{}.png"], "*/*.png", "several kinds: .*left.*, .*right"),
+    ],
+)
+def test_a_pattern_that_matches_several_films_is_refused(tmp_path, names, pattern, kinds):
+    for name in names:
+        for k in range(3):
+            path = tmp_path / name.format(f"{k + 1:04d}")
+            path.parent.mkdir(exist_ok=True)
+            PIL.Image.fromarray(np.full((6, 8), 50 + 9 * k, np.uint8)).save(path)
+    with pytest.raises(InputError, match=kinds):
+        Pictures(tmp_path / pattern, AT_100)
+
+
+def test_a_folder_for_each_picture_is_ordered_by_its_number(tmp_path):
+    for k in (10, 2, 1, 30, 3):
+        (tmp_path / f"frame{k}").mkdir()
+        PIL.Image.fromarray(np.full((6, 8), k, np.uint8)).save(tmp_path / f"frame{k}" / "image.png")
+    assert [file.parent.name for file in picture_files(tmp_path / "*" / "image.png")] == [
+        f"frame{k}" for k in (1, 2, 3, 10, 30)
+    ]
