@@ -173,6 +173,9 @@ def open_media(where: str) -> Any:
     if not container.streams.video:
         container.close()
         raise InputError(f"{where}: holds no video")
+    if getattr(container.streams.video[0], "codec_context", None) is None:
+        container.close()
+        raise InputError(f"{where}: cannot be decoded (its codec is not known)")
     container.streams.video[0].thread_type = "AUTO"
     return container
 

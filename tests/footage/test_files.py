@@ -376,3 +376,11 @@ def test_a_transfer_function_that_is_not_known_is_told_as_such(tmp_path: Path) -
         path = write_clip(tmp_path / "a.mkv", [np.zeros((8, 8), np.uint8)], [0], pixels="gray", trc=told)
         (warning,) = Video(path).warnings
         assert sentence in warning and warning.endswith(": taken as bt709; see `transfer`")
+
+
+def test_a_video_in_a_codec_that_nobody_knows_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    data = film(tmp_path / "a.avi", "mpeg4").read_bytes()
+    assert data.count(b"FMP4") == 2  # in the heads of the stream and of its format
+    (tmp_path / "b.avi").write_bytes(data.replace(b"FMP4", b"ZZZ9"))
+    with pytest.raises(InputError, match=r"b\.avi: cannot be decoded \(its codec is not known\)"):
+        Video(tmp_path / "b.avi")
