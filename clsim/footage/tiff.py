@@ -65,12 +65,14 @@ def tiff_picture(path: str) -> TiffPicture:
             check_size(path, page.imagewidth, page.imagelength)
             pixels = np.asarray(page.asarray(), np.float32)
             planar = page.planarconfig == _PLANAR
+            planes = pixels[None] if pixels.ndim == 2 else pixels if planar else np.moveaxis(pixels, 2, 0)
+            if planes.ndim != 3 or planes.shape[1:] != (page.imagelength, page.imagewidth):
+                raise ValueError(f"pixels {list(pixels.shape)}")
     except InputError:
         raise
     except Exception as error:  # of a decoder, which may raise anything for damaged files
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: cannot be decoded ({reason})") from None
-    planes = pixels[None] if pixels.ndim == 2 else pixels if planar else np.moveaxis(pixels, 2, 0)
     # A second or fourth channel is opacity.
     planes = planes[:3] if len(planes) >= 3 else planes[:1]
     steps = int(np.iinfo(kind).max) if whole else None

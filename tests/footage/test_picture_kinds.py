@@ -109,3 +109,18 @@ def test_a_png_that_says_that_it_holds_light_holds_light(tmp_path: Path, told: t
     data = b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*part) for part in (*parts, (b"IEND", b"")))
     (tmp_path / "a.png").write_bytes(data)
     assert Pictures(tmp_path / "a.png", Reading(fps=10.0)).transfer == curve
+
+
+@pytest.mark.parametrize("options", [{}, {"tile": (16, 16)}, {"photometric": "rgb", "planarconfig": "separate"}])
+def test_tiff_with_any_wrong_byte_is_a_picture_or_a_sentence(tmp_path: Path, options: dict[str, Any]) -> None:
+    pixels = np.ones((3, 8, 8) if "photometric" in options else (8, 8), np.float32)
+    tifffile.imwrite(tmp_path / "a.tif", pixels, **options)
+    data = (tmp_path / "a.tif").read_bytes()
+    for at in range(300):
+        (tmp_path / "b.tif").write_bytes(data[:at] + bytes([data[at] ^ 255]) + data[at + 1 :])
+        try:
+            found = light(tmp_path / "b.tif")
+        except InputError as error:
+            assert "b.tif" in str(error) and "\n" not in str(error)
+        else:
+            assert found.ndim == 3
