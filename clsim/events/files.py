@@ -165,7 +165,11 @@ def _open_folder(path: Path) -> EventSource | None:
     if not os.path.isdir(path) or recording_kind(str(path)) is None:
         return None
     found = read_recording(str(path))
-    return EventSource(path, found.about.width, found.about.height, found.events())
+    events = found.events()
+    if not isinstance(events, EventSource):
+        return EventSource(path, found.about.width, found.about.height, events)
+    events.width, events.height = found.about.width, found.about.height
+    return events
 
 
 def split_topic(name: str | os.PathLike[str]) -> tuple[Path, str | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,10 +12,10 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from clsim.errors import InputError
+from clsim.errors import InputError, Notice
 from clsim.events import EventBatch
 from clsim.events.formats.filesink import PartFile
-from clsim.events.formats.filesource import naming_damage
+from clsim.events.formats.filesource import EventSource, naming_damage
 from clsim.truth.layouts import LAYOUTS, LayoutKind, check_place, layout_of
 from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
 
@@ -62,7 +63,7 @@ def read_recording(name: str) -> Recording:
             raise ValueError(f"its sensor has {width}x{height} pixels")
     return Recording(
         found.about,
-        _named(path, found.events),
+        lambda: _named_events(path, found.events),
         _named(path, found.labels),
         _named(path, lambda: _of_size(found.shots(), (height, width))),
         _named(path, found.tracks),
@@ -86,6 +87,13 @@ def _named(path: Path, begin: Callable[[], Iterator[T]]) -> Callable[[], Iterato
     return parts
 
 
+def _named_events(path: Path, begin: Callable[[], Iterator[EventBatch]]) -> Iterator[EventBatch]:
+    with naming_damage(path):
+        events = begin()
+    # A source names itself, and counts what it leaves out.
+    return events if isinstance(events, EventSource) else _named(path, lambda: events)()
+
+
 def _of_size(shots: Iterator[Shot], size: tuple[int, int]) -> Iterator[Shot]:
     """Yield shots; raises ValueError where a plane is not of the sensor's size."""
     for shot in shots:
@@ -95,10 +103,11 @@ def _of_size(shots: Iterator[Shot], size: tuple[int, int]) -> Iterator[Shot]:
         yield shot
 
 
-def convert_recording(source: str, target: str) -> tuple[int, tuple[str, ...]]:
+def convert_recording(source: str, target: str, *, strict: bool = False) -> tuple[int, tuple[str, ...]]:
     """Write a recording in the layout of another name; returns its events and what the target's layout cannot hold.
 
-    The target is there in the end only if all was well, and a file that stood there stays until then.
+    The target is there in the end only if all was well, and a file that stood there stays until then. ``strict``
+    refuses events that are out of order, or whose end is missing; else a Notice tells of the former.
 
     Raises:
         InputError: the source cannot be read, or the target not be written.
@@ -108,6 +117,10 @@ def convert_recording(source: str, target: str) -> tuple[int, tuple[str, ...]]:
     assert kind is not None, "the caller looked"
     check_place(target)
     recording = read_recording(source)
+    events = recording.events()
+    if strict and isinstance(events, EventSource):
+        events.be_strict()
+    recording = replace(recording, events=lambda: events)
     names = tuple(name for name in recording.about.names if name in kind.holds)
     about, left = replace(recording.about, names=names), set(recording.about.names) - set(names)
     if kind.folder:
@@ -129,6 +142,9 @@ def convert_recording(source: str, target: str) -> tuple[int, tuple[str, ...]]:
             beside.complete()
         finally:
             beside.discard()
+    if isinstance(events, EventSource) and (events.moved_events or events.dropped_events):
+        told = f"{events.moved_events:,} events came after later ones, {events.dropped_events:,} were left out"
+        warnings.warn(f"{source}: {told}", Notice, stacklevel=2)
     return count, tuple(sorted(left))
 
 

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from clsim.errors import InputError
+from clsim.cli.commands.convert import convert
+from clsim.errors import InputError, Notice
+from clsim.events.files import open_source
 from clsim.truth.layouts import open_layout
 from clsim.truth.recording import convert_recording, read_recording
 from tests.truth import recordings
@@ -132,3 +134,35 @@ def test_event_utils_takes_no_events_that_cannot_be(tmp_path: Path, place: str, 
     with pytest.raises(InputError, match=rf"\A[^\n]*a\.event_utils: is damaged or of another format \(.*{told}"):
         convert_recording(str(home), str(tmp_path / "b.h5"))
     assert not (tmp_path / "b.h5").exists()
+
+
+@pytest.mark.parametrize("ending", [".ecd", ".dsec"])
+def test_events_of_a_recording_that_are_out_of_order_are_told_and_refused_if_strict(
+    tmp_path: Path, ending: str
+) -> None:
+    """As of event files: one that is a little late is moved, one that is late by seconds is left out."""
+    home, target = tmp_path / f"a{ending}", tmp_path / "b.h5"
+    recorded(home)
+    rows = [(t, 1, 1, 1) for t in (5_000_000, 5_000_020, 5_000_010, 1, 5_000_030, 5_000_040)]
+    if ending == ".ecd":
+        (home / "events.txt").write_text("".join(f"{t * 1e-6:.6f} {x} {y} {p}\n" for t, x, y, p in rows))
+    else:
+        with h5py.File(home / "events/left/events.h5", "r+") as file:
+            for name, column in zip("txyp", np.array(rows).T, strict=True):
+                file[f"events/{name}"].resize((len(rows),))
+                file[f"events/{name}"][:] = column
+            file["t_offset"][()] = 0
+    with open_source(home) as found:
+        assert (found.width, found.height) == (recordings.WIDTH, recordings.HEIGHT)
+        assert found.read()["t"].tolist() == [5_000_000, 5_000_010, 5_000_020, 5_000_030, 5_000_040]
+        assert (found.moved_events, found.dropped_events) == (1, 1)
+    with pytest.raises(InputError, match="expected rising times"):
+        open_source(home, strict=True).read()
+    with pytest.warns(Notice, match=rf"a{ending}: 1 events came after later ones, 1 were left out"):
+        assert convert_recording(str(home), str(target))[0] == 5
+    target.unlink()
+    with pytest.raises(InputError, match="expected rising times"):
+        convert_recording(str(home), str(target), strict=True)
+    with pytest.raises(InputError, match="expected rising times"):
+        convert(str(home), str(target), strict=True)
+    assert not target.exists()

@@ -35,7 +35,7 @@ def convert(
     """
     layout = layout_of(target)
     if layout is not None and recording_kind(source) is not None:
-        return _convert_truth(source, target)
+        return _convert_truth(source, target, strict)
     from rich.console import Console
 
     from clsim.errors import InputError
@@ -86,12 +86,12 @@ def convert(
     return 0
 
 
-def _convert_truth(source: str, target: str) -> int:
+def _convert_truth(source: str, target: str, strict: bool) -> int:
     from clsim.events import SinkError
     from clsim.truth.recording import convert_recording
 
     try:
-        events, left_out = convert_recording(source, target)
+        events, left_out = convert_recording(source, target, strict=strict)
     except SinkError as error:
         print(f"clsim: {error}", file=sys.stderr)
         return OUTPUT_FAILED
