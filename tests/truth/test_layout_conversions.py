@@ -149,7 +149,7 @@ def test_events_of_a_folder_are_read_as_those_of_files(tmp_path: Path, ending: s
 def test_a_recording_that_cannot_be_written_to_its_end_is_told_and_is_no_success(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: str) -> None:
+    def full(*_: str, strict: bool) -> None:
         raise SinkError("b.dsec: cannot be written (No space left on device)")
 
     recorded(tmp_path / "a.h5")
