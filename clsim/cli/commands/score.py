@@ -54,6 +54,7 @@ def score(
     columns, rows = _agreed("--resolution", None if resolution is None else parse.resolution(resolution), told)
     rate: float = _agreed("--fps", fps, told)
     _tell_ends({path: each["ends_s"] for path, each in told.items() if "ends_s" in each}, 1.0 / rate)
+    _tell_apart({events: found, reference: truth}, 1e6 / rate)
     result = score_events(found, truth, columns, rows, rate, tau, parse.windows_us(within, "--within"))
     if plot is not None:
         plot_curves({Path(events).stem: curves(found, truth, Sampling(columns, rows, rate))}, plot)
@@ -101,6 +102,17 @@ def _tell_ends(ends_s: dict[str, float], frame_s: float) -> None:
     if ends_s[last] - ends_s[first] > frame_s:
         told = f"{first} ends at {ends_s[first]:g} s, {last} at {ends_s[last]:g} s"
         print(f"clsim: {told}: events after the earlier end match nothing", file=sys.stderr)
+
+
+def _tell_apart(batches: dict[str, EventBatch], frame_us: float) -> None:
+    """Say so where one recording has all its events before those of the other."""
+    if any(not len(batch) for batch in batches.values()):
+        return
+    first, last = (choose(batches, key=lambda path: batches[path]["t"][0]) for choose in (min, max))
+    end_us, start_us = int(batches[first]["t"][-1]), int(batches[last]["t"][0])
+    if start_us - end_us > frame_us:
+        told = f"the events of {first} end at {end_us * 1e-6:g} s, those of {last} begin at {start_us * 1e-6:g} s"
+        print(f"clsim: {told}: they have no time in common, so that nothing matches", file=sys.stderr)
 
 
 def _agreed(option: str, given: Any, told: dict[str, dict[str, Any]]) -> Any:

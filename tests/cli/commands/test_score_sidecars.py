@@ -19,7 +19,8 @@ def record(path: Path, times_us: list[int], **about: object) -> Path:
     events["t"], events["on"] = times_us, True
     events["x"] = 1
     sink = open_sink(path, 8, 4)
-    sink.write(events, end_of(events))
+    if len(events):
+        sink.write(events, end_of(events))
     sink.close()
     if about:
         Path(f"{path}.json").write_text(json.dumps(about))
@@ -183,3 +184,13 @@ def test_what_is_drawn_are_the_scores_that_are_told(clsim, tmp_path: Path, monke
     told = json.loads(clsim("score", found, truth, "--plot", tmp_path / "a.png", "--json").stdout)
     assert (told["precision"], told["recall"]) == (0.5, 1.0)
     assert (set(drawn["found"].precision), set(drawn["found"].recall)) == ({0.5}, {1.0})
+
+
+def test_recordings_without_a_time_in_common_are_told(clsim, tmp_path: Path) -> None:
+    """Such as one of a clock since 1970 and one since its start: nothing can match, whatever was detected."""
+    told = "have no time in common, so that nothing matches"
+    early, late = (record(tmp_path / f"{start}.txt", [start, start + 50_000]) for start in (1_000, 900_000))
+    both, none = record(tmp_path / "both.txt", [30_000, 910_000]), record(tmp_path / "none.txt", [])
+    for pair, apart in (((early, late), True), ((late, early), True), ((both, late), False), ((none, late), False)):
+        outcome = clsim("score", *pair, "--json", "--resolution", "8x4", "--fps", 50)
+        assert (told in outcome.stderr) == apart, outcome.stderr
