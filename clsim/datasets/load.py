@@ -174,7 +174,7 @@ class Slices:
         """Yield the slices; raises InputError where there are no sequences."""
         worker, workers = _of_torch(self.worker, self.workers)
         folder = Path(self.folder)
-        shards = sorted(folder.glob(f"{self.split or '*'}-*.tar"))
+        shards = sorted(shard for shard, split in _shards(folder) if self.split in ("", split))
         if shards:
             yield from self._of_shards(shards[worker::workers])
             return
@@ -226,12 +226,18 @@ class Slices:
         return made
 
 
+def _shards(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yield the tars of a data set, and the part that each is of: ``train-000000.tar``."""
+    for path in folder.glob("*-*.tar"):
+        yield path, path.name.rpartition("-")[0]
+
+
 def _nothing(folder: Path, split: str) -> str:
     """Return why there is nothing to read."""
     if not os.path.isdir(folder):
         return f"{folder}: no such folder"
     splits = {done.split for done in scan(folder) if done.kept}
-    splits |= {shard.name.partition("-")[0] for shard in folder.glob("*-*.tar")}
+    splits |= {split for _, split in _shards(folder)}
     known = ", ".join(sorted(splits - {""}))
     if not split or not splits:
         return f"{folder}: holds no sequences"

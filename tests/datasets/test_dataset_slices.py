@@ -327,3 +327,12 @@ def test_shards_do_not_hang_on_how_long_sequences_took(folder):
         slower = vars(done) | {"cost": {"cpu_s": 9.0, "wall_s": 9.5}}
         (sequence_folder(folder, done.index) / "job.json").write_text(json.dumps(slower))
     assert [each.read_bytes() for each in write_shards(folder, "webdataset")] == before
+
+
+def test_shards_of_a_part_are_not_those_of_another_whose_name_goes_on(folder):
+    shards = {each.name: each for each in write_shards(folder, "webdataset")}
+    shards["test-000000.tar"].rename(folder / "shards" / "train-hard-1-000000.tar")
+    for split, sequences in (("train", {0, 1}), ("train-hard-1", {2}), ("", {0, 1, 2})):
+        assert {each["sequence"] for each in Slices(folder / "shards", split=split)} == sequences
+    with pytest.raises(InputError, match=r"no sequences of the split 'train-hard', but train, train-hard-1$"):
+        list(Slices(folder / "shards", split="train-hard"))
