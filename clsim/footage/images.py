@@ -53,6 +53,8 @@ class Pictures(Footage):
         warnings = () if reading.times_us is not None else tuple(_leaps(path, self._files))
         if len(self._files) == 1:
             warnings = (f"{where} is taken as one picture, and nothing changes in it; expected a file for each",)
+        elif first.pages > 1:
+            warnings = (*warnings, f"{where} holds {first.pages} pages, of which the first is read")
         super().__init__(where, size, self._kind.steps, transfer, reading, warnings)
         self.frame_count = len(self._files)
         if times_us is not None and len(times_us) > 1:
@@ -77,13 +79,14 @@ class Pictures(Footage):
 
 
 class _Picture:
-    """A decoded picture: how it stores colour, and its size (width, height)."""
+    """A decoded picture: how it stores colour, its size (width, height), and how many pages its file has."""
 
     def __init__(self, where: str) -> None:
         name = where.lower()
         tiff = tiff_picture(where) if name.endswith(TIFF) else None
         self._planes = None if tiff is None else tiff.planes
         self._frame: Any = None
+        self.pages = 1 if tiff is None else tiff.pages
         if tiff is not None and self._planes is not None:
             self.kind = PixelFormat("tiles" if tiff.steps else "floating point", tiff.steps, True, None, None, False)
             self._lie, self._stored = tiff.lie, self._planes.shape[:0:-1]

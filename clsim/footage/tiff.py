@@ -27,11 +27,13 @@ class TiffPicture(NamedTuple):
 
     Attributes:
         lie: how it lies.
+        pages: how many the file has.
         planes: grey ``[1, H, W]`` or ``[3, H, W]``, whole numbers from 0 to 1; None where libav reads it well.
         steps: of whole numbers, from black to white; None for floating point.
     """
 
     lie: Lie
+    pages: int
     planes: FloatArray | None = None
     steps: int | None = None
 
@@ -53,9 +55,10 @@ def tiff_picture(path: str) -> TiffPicture:
             page = file.pages.first
             tag = page.tags.get("Orientation")
             lie = of_number(None if tag is None else tag.value)
+            pages = len(file.pages)
             whole = page.sampleformat == _WHOLE
             if whole and page.compression in _OF_LIBAV and not (page.is_tiled or file.is_bigtiff):
-                return TiffPicture(lie)
+                return TiffPicture(lie, pages)
             kind = np.dtype(page.dtype)
             if kind.kind not in "uf" or (whole and kind.itemsize > 2) or page.photometric not in (_GREY, _RGB):
                 raise InputError(
@@ -76,4 +79,4 @@ def tiff_picture(path: str) -> TiffPicture:
     # A second or fourth channel is opacity.
     planes = planes[:3] if len(planes) >= 3 else planes[:1]
     steps = int(np.iinfo(kind).max) if whole else None
-    return TiffPicture(lie, planes / np.float32(steps) if steps else planes, steps)
+    return TiffPicture(lie, pages, planes / np.float32(steps) if steps else planes, steps)

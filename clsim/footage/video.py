@@ -61,10 +61,7 @@ class Video(Footage):
                 if number not in _UNTOLD:
                     told = f"has the transfer function {number} of H.273, which is not known"
                 warnings = (f"{where} {told}: taken as bt709; see `transfer`",)
-            if (films := sum(map(_is_film, self._container.streams.video))) > 1:
-                warnings = (*warnings, f"{where} holds {films} films, of which the first is read")
-            if first.interlaced_frame:
-                warnings = (*warnings, f"{where} is interlaced: lines of two times are taken as of one; deinterlace it")
+            warnings = (*warnings, *_doubts(where, self._container, first))
             super().__init__(where, size, self._kind.steps, chosen, reading, warnings)
         except BaseException:
             self.close()
@@ -130,6 +127,18 @@ class Video(Footage):
     def close(self) -> None:
         """Release the file; safe to call twice."""
         self._container.close()
+
+
+def _doubts(where: str, container: Any, first: Any) -> Iterator[str]:
+    """Yield what users should know of a file and its first frame."""
+    if (films := sum(map(_is_film, container.streams.video))) > 1:
+        yield f"{where} holds {films} films, of which the first is read"
+    if first.interlaced_frame:
+        yield f"{where} is interlaced: lines of two times are taken as of one; deinterlace it"
+    shape = container.streams.video[0].sample_aspect_ratio or 1
+    if shape != 1:
+        told = f"has pixels of {shape.numerator}:{shape.denominator}, and is taken as stored"
+        yield f"{where} {told}: squeeze or stretch it first"
 
 
 def _is_film(stream: Any) -> bool:

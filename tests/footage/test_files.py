@@ -384,3 +384,18 @@ def test_a_video_in_a_codec_that_nobody_knows_is_refused_in_a_sentence(tmp_path:
     (tmp_path / "b.avi").write_bytes(data.replace(b"FMP4", b"ZZZ9"))
     with pytest.raises(InputError, match=r"b\.avi: cannot be decoded \(its codec is not known\)"):
         Video(tmp_path / "b.avi")
+
+
+@pytest.mark.parametrize(("aspect", "told"), [(None, False), (Fraction(1), False), (Fraction(4, 3), True)])
+def test_pixels_that_are_not_square_are_told(tmp_path: Path, aspect: Fraction | None, told: bool) -> None:
+    """HDV stores 1440 columns for 1920; an event camera sees no squeezed world."""
+    with av.open(str(tmp_path / "a.mkv"), "w") as container:
+        stream: Any = container.add_stream("libx264", rate=Fraction(30))
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        if aspect is not None:
+            stream.codec_context.sample_aspect_ratio = aspect
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(0), "rgb24")))
+        container.mux(stream.encode())
+    sentence = f"{tmp_path / 'a.mkv'} has pixels of 4:3, and is taken as stored: squeeze or stretch it first"
+    assert (sentence in Video(tmp_path / "a.mkv").warnings) == told
+    assert len(Video(tmp_path / "a.mkv").warnings) == 1 + told

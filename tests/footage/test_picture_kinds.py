@@ -124,3 +124,12 @@ def test_tiff_with_any_wrong_byte_is_a_picture_or_a_sentence(tmp_path: Path, opt
             assert "b.tif" in str(error) and "\n" not in str(error)
         else:
             assert found.ndim == 3
+
+
+@pytest.mark.parametrize("pages", [1, 3])
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+def test_a_folder_of_tiff_with_several_pages_each_is_told(tmp_path: Path, pages: int, kind: type) -> None:
+    for k in range(2):
+        tifffile.imwrite(tmp_path / f"{k}.tif", np.zeros((pages, 20, 36), kind), photometric="minisblack")
+    told = (f"{tmp_path / '0.tif'} holds {pages} pages, of which the first is read",) if pages > 1 else ()
+    assert Pictures(tmp_path, Reading(fps=10.0)).warnings == told
