@@ -6,6 +6,7 @@ import struct
 import zlib
 from pathlib import Path
 
+import faery
 import h5py
 import numpy as np
 import pytest
@@ -152,3 +153,12 @@ def test_a_mat_whose_elements_lie_in_no_order_is_refused(tmp_path: Path, compres
         (tmp_path / "b.mat").write_bytes(bad)
         with pytest.raises(InputError, match=r"b\.mat: is damaged or of another format"):
             open_source(tmp_path / "b.mat").read()
+
+
+def test_text_of_faery_has_the_sensor_in_its_names(tmp_path: Path) -> None:
+    events = np.zeros(3, faery.EVENTS_DTYPE)
+    events["t"], events["x"], events["y"], events["on"] = [500, 1500, 2500], [63, 0, 5], [0, 47, 5], [1, 0, 1]
+    faery.events_stream_from_array(events, (64, 48)).to_file(tmp_path / "a.csv")
+    found = open_source(tmp_path / "a.csv")
+    assert (found.width, found.height) == (64, 48)
+    assert [tuple(event) for event in found.read().tolist()] == [tuple(event) for event in events.tolist()]

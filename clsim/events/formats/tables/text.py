@@ -61,7 +61,8 @@ def open_source(path: Path) -> EventSource:
     A first line of names, also behind a ``#``, tells the order of the columns, and the unit of t where it has one
     (``timestamp [ns]``, ``t_s``). Otherwise t is in seconds where it has a decimal point and is not
     always whole (``1164.0``, ``1.164e+03``), else in µs. A first line of two numbers is the sensor's width and height.
-    Other lines that begin with ``#`` are skipped; p is on where it is 1 or True.
+    faery tells it in its names, ``x@640``. Other lines that begin with ``#`` are skipped; p is on where it is 1 or
+    True.
     Metavision's order ``x,y,p,t`` is known by its first line ``%geometry:640,480``, or by its third column of 0 and 1.
     """
     with open_binary(path) as file:
@@ -135,6 +136,8 @@ class _Table:
         plain = [_plain(word) for word in order]
         if names is not None:
             columns = tuple(plain.index(names[name]) for name in NAMES)
+            sides = [re.search(r"@([1-9]\d{0,4})$", order[k]) for k in columns[1:3]]
+            size = (int(sides[0][1]), int(sides[1][1])) if sides[0] and sides[1] else size
         elif by_metavision or _ends_in_time(data, separator):
             columns = (3, 0, 1, 2)
         else:
@@ -181,8 +184,8 @@ def _fields(line: str, separator: str | None) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """Return a column's name without quotes, and without its unit: ``timestamp [us]``, ``t_ns``."""
-    plain = re.sub(r"[\[(].*[\])]$", "", name.strip("'\" ").lower()).strip()
+    """Return a column's name without quotes, its unit (``timestamp [us]``, ``t_ns``) and its side (``x@640``)."""
+    plain = re.sub(r"[\[(].*[\])]$|@\d+$", "", name.strip("'\" ").lower()).strip()
     return re.sub(rf"_({'|'.join(_US)})$", "", plain)
 
 
