@@ -94,11 +94,18 @@ class Footage(ABC):
 
         Raises:
             SourceEnded: there is none.
-            InputError: the frame is damaged, has another size, or is not later than the one before.
+            InputError: the frame is damaged, has another size, is not later than the one before, or there are times for
+                more frames than there are.
         """
         if self._times_us is not None and index >= len(self._times_us):
             raise SourceEnded
-        own_us = self._read(index, out.planes)
+        try:
+            own_us = self._read(index, out.planes)
+        except SourceEnded:
+            if self._times_us is None:
+                raise
+            told = f"ends after {index} frames, but there are {len(self._times_us)} times"
+            raise InputError(f"{self._where}: {told}; expected one for each frame") from None
         if self._times_us is not None:
             own_us = self._times_us[index]
         elif self._given_fps is not None:

@@ -150,3 +150,12 @@ def test_times_of_frames_are_the_streams_to_the_nearest_microsecond(tmp_path, ra
     path = write_clip(tmp_path / "a.nut", clip, list(range(12)), pixels="gray16le", time_base=1 / rate)
     exact = [Fraction(k) / rate * 1_000_000 for k in range(12)]
     assert all(abs(found - time) <= Fraction(1, 2) for found, time in zip(frame_times(path), exact, strict=True))
+
+
+def test_a_video_with_fewer_frames_than_there_are_times_is_told(tmp_path):
+    """Frames that were dropped have times too, and all that follow would have those of others."""
+    path = write_clip(tmp_path / "a.mkv", [np.zeros((8, 8), np.uint8)] * 3, [0, 40, 80], pixels="gray")
+    for times, count in (((0, 10, 20), 3), ((0, 10), 2)):
+        assert len(list(clsim.events_from(str(path), times, transfer="srgb"))) == count
+    with pytest.raises(InputError, match=r"a\.mkv: ends after 3 frames, but there are 5 times"):
+        list(clsim.events_from(str(path), (0, 10, 20, 30, 40), transfer="srgb"))
