@@ -65,9 +65,14 @@ class Sequence:
         return len(self._t)
 
     def events(self, start_us: int = 0, end_us: int | None = None) -> EventBatch:
-        """Return the events from ``start_us`` on and before ``end_us``; None is all."""
-        first = self._index(start_us)
-        last = len(self._t) if end_us is None else self._index(end_us)
+        """Return the events from ``start_us`` on and before ``end_us``; None is all.
+
+        Raises InputError where the file's index of milliseconds leads astray.
+        """
+        from clsim.events.formats.tables.hdf5 import index_at
+
+        first = index_at(self._file, start_us)
+        last = len(self._t) if end_us is None else index_at(self._file, end_us)
         return self.events_at(first, last)
 
     def events_at(self, first: int, last: int) -> EventBatch:
@@ -92,14 +97,6 @@ class Sequence:
             raise InputError(f"{self._file.filename}: has {count} frames of truth, got frame {frame}")
         plane: npt.NDArray[Any] = self._frames[name][frame]
         return plane
-
-    def _index(self, time_us: int) -> int:
-        """Return the number of the first event at or after a time, by bisection in the file's own index."""
-        index, count = self._file["ms_to_idx"], len(self._t)
-        ms = max(0, (time_us - self._offset) // 1000)
-        low = int(index[ms]) if ms < len(index) else count
-        high = int(index[ms + 1]) if ms + 1 < len(index) else count
-        return low + int(np.searchsorted(self._t[low:high], time_us - self._offset))
 
     def close(self) -> None:
         """Release the file."""

@@ -152,6 +152,7 @@ def test_events_of_a_recording_that_are_out_of_order_are_told_and_refused_if_str
                 file[f"events/{name}"].resize((len(rows),))
                 file[f"events/{name}"][:] = column
             file["t_offset"][()] = 0
+            file["ms_to_idx"].resize((0,))
     with open_source(home) as found:
         assert (found.width, found.height) == (recordings.WIDTH, recordings.HEIGHT)
         assert found.read()["t"].tolist() == [5_000_000, 5_000_010, 5_000_020, 5_000_030, 5_000_040]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from clsim.datasets.load import Sequence
+from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE
 from clsim.events.formats.tables.hdf5 import index_at
 from tests.events.event_data import write
@@ -30,3 +31,21 @@ def test_the_first_event_of_any_time_is_found_before_in_and_behind_a_recording(
             expected = int(np.searchsorted(batch["t"], time_us))
             assert index_at(file, time_us) == expected, time_us
             assert len(sequence.events(time_us)) == len(batch) - expected, time_us
+
+
+@pytest.mark.parametrize("wrong", ["zero", "late", "short", "beyond"])
+def test_an_index_that_is_not_of_its_events_is_told(tmp_path: Path, wrong: str) -> None:
+    """Of files that others made, cut or joined: truth and slices would begin at other events."""
+    batch = np.zeros(400, EVENT_DTYPE)
+    batch["t"] = np.arange(400) * 100
+    path = write(tmp_path / "a.h5", [batch])
+    with h5py.File(path, "r+") as file:
+        marks = file["ms_to_idx"]
+        if wrong == "short":
+            marks[20:] = 399
+        else:
+            marks[...] = {"zero": 0, "late": marks[:] + 30, "beyond": marks[:] + 900}[wrong]
+    with h5py.File(path, "r") as file, Sequence(path) as sequence:
+        for find in (lambda: index_at(file, 25_000), lambda: sequence.events(25_000)):
+            with pytest.raises(InputError, match=r"a\.h5: its ms_to_idx is not of its events"):
+                find()

@@ -176,7 +176,10 @@ def _chosen(path: Path, file: Any, topic: str | None) -> Any:
 
 
 def index_at(file: Any, time_us: int) -> int:
-    """Return the index of the first event at or after a time [µs] of an open file in DSEC layout."""
+    """Return the index of the first event at or after a time [µs] of an open file in DSEC layout.
+
+    Raises InputError where the file's index of milliseconds leads astray.
+    """
     t, marks = file["events/t"], file["ms_to_idx"]
     time_us -= int(file["t_offset"][()]) if "t_offset" in file else 0
     if time_us <= 0 or not len(marks):
@@ -186,7 +189,11 @@ def index_at(file: Any, time_us: int) -> int:
         low, high = int(marks[-1]), len(t)
     else:
         low, high = int(marks[millisecond]), int(marks[millisecond + 1]) if millisecond + 1 < len(marks) else len(t)
-    return low + int(np.searchsorted(t[low:high], time_us))
+    if 0 <= low <= high <= len(t):
+        index = low + int(np.searchsorted(t[low:high], time_us))
+        if (index == 0 or t[index - 1] < time_us) and (index == len(t) or t[index] >= time_us):
+            return index
+    raise InputError(f"{file.filename}: its ms_to_idx is not of its events, or they are out of order")
 
 
 def _need_filters(path: Path, column: Any) -> None:
