@@ -88,7 +88,7 @@ class _Picture:
         self._frame: Any = None
         self.pages = 1 if tiff is None else tiff.pages
         if tiff is not None and self._planes is not None:
-            self.kind = PixelFormat("tiles" if tiff.steps else "floating point", tiff.steps, True, None, None, False)
+            self.kind = PixelFormat("tiles" if tiff.steps else "floating point", tiff.steps, True, None, None, 1)
             self._lie, self._stored = tiff.lie, self._planes.shape[:0:-1]
         else:
             with open_media(where) as container:

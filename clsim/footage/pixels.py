@@ -12,6 +12,7 @@ from clsim.errors import InputError
 from clsim.footage import Transfer
 from clsim.footage.transfer import decode
 from clsim.frames.frame import FloatArray
+from clsim.frames.primaries import to_rec709
 
 # Numbers of ITU-T H.273, as libav has them.
 _LIMITED, _FULL = 1, 2
@@ -35,6 +36,9 @@ _709_OF_2020 = np.array(
     [[1.660491, -0.587641, -0.072850], [-0.124550, 1.132900, -0.008349], [-0.018151, -0.100579, 1.118730]], np.float32
 )
 """Linear BT.2020 to linear Rec. 709 (ITU-R BT.2087)."""
+_DISPLAY_P3 = (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.3290)
+_TO_709 = {_BT2020: _709_OF_2020, 12: to_rec709(_DISPLAY_P3)}
+"""Matrices to linear Rec. 709 by H.273's numbers of primaries; others are taken for Rec. 709's."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +51,7 @@ class PixelFormat:
         full: whether codes go from 0 to the largest (full range), rather than 16 to 235 in 8 bits.
         weights: weights of red and blue in luma; None where frames are grey or RGB.
         transfer: the transfer function that the stream tells; None where it tells none that is known.
-        wide: whether primaries are those of BT.2020.
+        primaries: H.273's number of them.
     """
 
     name: str
@@ -55,7 +59,7 @@ class PixelFormat:
     full: bool
     weights: tuple[float, float] | None
     transfer: Transfer | None
-    wide: bool
+    primaries: int
 
 
 def pixel_format(frame: Any, where: str, *, is_picture: bool = False) -> PixelFormat:
@@ -76,17 +80,17 @@ def pixel_format(frame: Any, where: str, *, is_picture: bool = False) -> PixelFo
     range_ = int(frame.color_range)
     full = range_ == _FULL or kind.name.startswith("yuvj") or bits < 8
     full = full or (range_ != _LIMITED and (is_picture or not colour))
-    wide = int(frame.color_primaries) == _BT2020
+    primaries = int(frame.color_primaries)
     weights = None
     if colour:
         matrix = int(frame.colorspace)
         if matrix in _UNSPECIFIED:
-            matrix = _BT2020 if wide else 1 if frame.height > 576 and not is_picture else 6
+            matrix = _BT2020 if primaries == _BT2020 else 1 if frame.height > 576 and not is_picture else 6
         weights = _WEIGHTS.get(matrix)
         if weights is None:
             raise InputError(f"{where}: has the colour matrix {frame.colorspace}, expected BT.601, 709 or 2020 (NCL)")
     steps = None if floats else (1 << bits) - 1 if full else 219 << (bits - 8)
-    return PixelFormat(kind.name, steps, full, weights, _TRANSFERS.get(int(frame.color_trc)), wide)
+    return PixelFormat(kind.name, steps, full, weights, _TRANSFERS.get(int(frame.color_trc)), primaries)
 
 
 def to_light(frame: Any, kind: PixelFormat, transfer: Transfer, out_rgb: FloatArray) -> None:
@@ -96,9 +100,10 @@ def to_light(frame: Any, kind: PixelFormat, transfer: Transfer, out_rgb: FloatAr
         out_rgb[1:] = out_rgb[0]
         return
     decode(out_rgb, transfer)
-    if kind.wide and transfer != "as-is":
+    matrix = _TO_709.get(kind.primaries)
+    if matrix is not None and transfer != "as-is":
         # Colours outside Rec. 709 get negative parts; luminance is right all the same.
-        out_rgb[...] = np.tensordot(_709_OF_2020, out_rgb, 1)
+        out_rgb[...] = np.tensordot(matrix, out_rgb, 1)
 
 
 def _store(frame: Any, kind: PixelFormat, out_rgb: FloatArray) -> bool:

@@ -225,3 +225,21 @@ def test_a_frame_is_read_alike_however_often():
         frame = av.VideoFrame.from_ndarray(np.full((12, 16), 99, np.uint8), format="yuv420p").reformat(format=pixels)
         to_light(Noting(frame), pixel_format(frame, "a"), "as-is", np.zeros((3, 8, 16), np.float32))
     assert len(asked) >= 3 and set(asked) == {1}
+
+
+@pytest.mark.parametrize(
+    ("primaries", "matrix"),
+    [
+        (12, [[1.2249, -0.2249, 0.0], [-0.0421, 1.0421, 0.0], [-0.0196, -0.0786, 1.0983]]),
+        (1, np.eye(3)),
+        (2, np.eye(3)),
+    ],
+)
+def test_colours_of_display_p3_become_those_of_rec_709(tmp_path, primaries, matrix):
+    """SMPTE RP 431-2 with the white of D65, as telephones have it; the matrix is that of colour.js and of Safari."""
+    codes = np.zeros((8, 16, 3), np.uint16)
+    codes[:, range(3), range(3)] = 65535
+    path = write_clip(tmp_path / "a.mkv", [codes], [0], pixels="gbrp16le", primaries=primaries, matrix=0)
+    found = first(Video(path, Reading("linear")))
+    np.testing.assert_allclose(found[:, 0, :3], matrix, atol=2e-4)
+    np.testing.assert_allclose(first(Video(path, Reading("as-is")))[:, 0, :3], np.eye(3), atol=1e-6)
