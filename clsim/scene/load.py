@@ -63,7 +63,7 @@ def load_world(
         if strict and world.warnings:
             raise InputError("\n".join(f"{sentence} (refused by strict)" for sentence in world.warnings))
         if not is_lit(world):
-            dark = f"{world.name}: the scene has no light, so only noise fires: add one, in a TOML such as [environment]"
+            dark = f"{world.name}: the scene has no light, so only noise fires: add one, as by [environment] in a TOML"
             world = replace(world, warnings=(*world.warnings, dark))
         if resolution is not None:
             world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
