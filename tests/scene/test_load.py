@@ -183,9 +183,7 @@ def test_a_scene_without_any_light_is_warned_about(tmp_path, light, lit):
     path = tmp_path / "a.toml"
     path.write_text(f"[camera]\nposition = [0, 0, 9]\n[[objects]]\nshape = 'box'\n{light}\n")
     warnings = load_world(path, strict=True).warnings  # that is nothing that clsim lacks
-    assert ["the scene has no light, so only noise fires" in sentence for sentence in warnings] == [True] * (
-        not lit
-    )
+    assert ["the scene has no light, so only noise fires" in sentence for sentence in warnings] == [True] * (not lit)
 
 
 @pytest.mark.parametrize("name", bundled_names())

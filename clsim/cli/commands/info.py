@@ -86,12 +86,15 @@ def _facts(what: str, strict: bool) -> dict[str, Any]:
 
 
 def _scene(what: str) -> dict[str, Any]:
+    from clsim.live.quality import DEFAULT, QUALITIES
     from clsim.render import RenderOptions, describe_build
     from clsim.scene import describe, load_world
 
-    world = load_world(what)
+    world, point = load_world(what), QUALITIES[DEFAULT]
+    cached = point.sampling == "cached"
+    options = RenderOptions(first_hit_rays=point.first_hit_rays, sampler=point.sampler, light_cache=cached)
     facts = describe(world) | {"illuminance_lux": _illuminance_lux(world)}
-    return {"scene": facts, "renderer": describe_build(world, RenderOptions())}
+    return {"scene": facts, "renderer": describe_build(world, options)}
 
 
 def _illuminance_lux(world: World) -> dict[str, float]:

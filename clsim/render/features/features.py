@@ -196,7 +196,7 @@ class Features(SceneFeatures):
             (self.first_hits, "first-hit rays and steered samples"),
             (self.light_cache, "cached light"),
             (self.anchored, "stored paths that follow the light"),
-            (self.coats, "light of coats kept apart"),
+            (self.coats, "light of coats, cached separately"),
             (self.lamp_light, "light straight from lamps in closed form"),
         )
         return {

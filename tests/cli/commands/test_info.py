@@ -127,6 +127,8 @@ def test_scenes_and_what_is_nothing_of_all(clsim, tmp_path, monkeypatch):
     lux = facts["scene"]["illuminance_lux"]
     assert 0 < lux["dark"] < lux["median"] < lux["bright"]
     assert (facts["renderer"]["device"], facts["renderer"]["tree"]) == ("cpu", "bvh16")
+    # As a run compiles it for which nothing else is asked.
+    assert {"cached light", "Sobol's sequence"} <= set(facts["renderer"]["built in"])
     empty = clsim("info", "./two-boxes")
     assert empty.status == 2 and "no EXR file" in empty.stderr
     assert clsim("info", "nothing.at.all").status == 2
