@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_source
+from clsim.events.formats.aedat4 import read_frames
 from clsim.events.formats.dv_stream import AEDAT4_MAGIC, Compression, pack_header
 from clsim.events.formats.filesink import FlushPolicy
 from clsim.events.formats.prophesee.evt3_words import Evt3Decoder, Evt3Encoder
@@ -118,16 +119,22 @@ def test_aedat4_of_others_is_read_however_it_is_compressed(tmp_path, compression
     assert np.array_equal(read(path), EVENTS)
 
 
-def test_aedat4_with_frames_beside_the_events_is_read(tmp_path):
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_aedat4_with_frames_beside_the_events_is_read(tmp_path, channels):
+    """A frame is grey, or blue, green and red, or these and its opacity; it is read as red, green and blue."""
     path = tmp_path / "a.aedat4"
     writer = dv.io.MonoCameraWriter(str(path), dv.io.MonoCameraWriter.DAVISConfig("camera", (WIDTH, HEIGHT)))
     store = dv.EventStore()
     for t, x, y, on in EVENTS[:500]:
         store.push_back(int(t), int(x), int(y), bool(on))
-    writer.writeFrame(dv.Frame(int(EVENTS["t"][0]), np.zeros((HEIGHT, WIDTH), np.uint8)))
+    image = np.random.default_rng(5).integers(0, 256, (HEIGHT, WIDTH, channels), np.uint8)
+    writer.writeFrame(dv.Frame(int(EVENTS["t"][0]), image))
     writer.writeEvents(store)
     del writer
     assert np.array_equal(read(path), EVENTS[:500])
+    ((time_us, shown),) = read_frames(path)
+    assert time_us == EVENTS["t"][0]
+    assert np.array_equal(shown, image[:, :, [0, 0, 0] if channels == 1 else [2, 1, 0]])
 
 
 def test_evt2_is_read_by_two_libraries(tmp_path):

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
+import pytest
 import warp as wp
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
+from clsim.render import SceneData
 from clsim.render.device.devices import start_warp
 from clsim.render.motion import shutter
+from clsim.scene import Mesh
+from tests.render import hand_worlds as hw
 
 COUNT = 64
 
@@ -58,3 +64,42 @@ def test_between_keys_are_hermites_cubic_and_the_slerp():
     off = (Rotation.from_quat(turns).inv() * Slerp(at, rotations)(times)).magnitude()
     assert off.max() < 1e-5
     np.testing.assert_array_equal(nearest, np.abs(times[:, None] - at).argmin(axis=1))
+
+
+@dataclass(frozen=True)
+class Breath:
+    """A mesh that grows and shrinks again while it turns and goes up and down."""
+
+    rest: Mesh
+    duration_s: float = 10.0
+
+    def vertices_at(self, time_s):
+        return (self.rest.vertices * (1.0 + 0.5 * np.sin(2 * np.pi * time_s))).astype(np.float32), None
+
+    def pose(self, time_s):
+        pose = hw.translation(0.0, 0.4 * np.cos(3.0 * time_s), 2.0)
+        pose[:3, :3] = Rotation.from_rotvec((0.0, 0.3, 2.0 * time_s)).as_matrix()
+        return pose
+
+
+@pytest.mark.parametrize("together", ["exposure", "instants"])
+def test_boxes_hold_all_of_what_moves_and_deforms_at_any_time(together):
+    """Of an exposure it has the shape of the nearest key; instants that are asked for together are of one box."""
+    rest = hw.box((-0.3, -0.2, -0.1), (0.5, 0.4, 0.2))
+    breath = Breath(rest)
+    world = hw.world(replace(rest, deformation=breath), motions=[breath])
+    if together == "exposure":
+        data = SceneData(world, interval_s=1.0)
+        data.move(3.25)
+        keys_s = shutter.key_times(3.25, 1.0)
+        times_s = np.linspace(keys_s[0], keys_s[-1], 129)
+        shapes_s = keys_s[np.abs(times_s[:, None] - keys_s).argmin(axis=1)]
+    else:
+        data = SceneData(world, instants=True)
+        times_s = shapes_s = np.array([3.3, 3.1, 3.75, 3.2])
+        data.move_to(times_s)
+    ((low, high),) = data.places().boxes
+    for time_s, shape_s in zip(times_s, shapes_s, strict=True):
+        pose = breath.pose(time_s)
+        corners = breath.vertices_at(shape_s)[0] @ pose[:3, :3].T + pose[:3, 3]
+        assert (corners >= low - 1e-3).all() and (corners <= high + 1e-3).all(), time_s
