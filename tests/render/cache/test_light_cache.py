@@ -288,6 +288,22 @@ def test_a_table_that_may_not_grow_forgets(monkeypatch):
     assert luminance(frame).mean() > 0
 
 
+def test_what_few_paths_showed_leaves_no_trace_once_it_is_forgotten():
+    """With many paths then, a frame is as one that nothing was shown before: not as wrong as the first one was."""
+    few, many = Effort(4, 1, 8), Effort(128, 128, 8)
+    once, anew = (
+        Run(textured_world(), light_cache=True, first_frame_error=9.0, spp=each.spp, probe_spp=each.probe_spp)
+        for each in (few, many)
+    )
+    truth, first = log_brightness(anew.fill(0)), log_brightness(once.fill(0))
+    for index in range(1, 4):
+        once.fill(index)
+    once.tracer.effort = many
+    once.tracer.forget_light()
+    off, before = (np.sqrt(np.mean((each - truth) ** 2)) for each in (log_brightness(once.fill(4)), first))
+    assert off < 0.1 * before
+
+
 def test_light_stands_still_where_nothing_but_the_camera_moves():
     assert light_stands_still(panning(textured_world()))
     assert not light_stands_still(moving_world())
