@@ -1,5 +1,6 @@
 """Kernels that several threads launch tile by tile."""
 
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -98,3 +99,16 @@ def test_threads_end_together_and_no_launch_is_tiny(many, end, sizes):
     assert tiles.run(end, {})
     threads.close()
     assert seen == sizes
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system does not tell which cores may be used")
+def test_there_are_as_many_threads_as_cores_that_the_process_may_use():
+    """As where a container has a few of a large machine's; more threads would take turns on them."""
+    allowed = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(allowed)})
+        threads = Threads(None, CPU)
+        threads.close()
+    finally:
+        os.sched_setaffinity(0, allowed)
+    assert threads.count == 1
