@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from clsim.render import SceneData
 from clsim.render.emitters.punctual import falloff, power
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 from tests.render import hand_worlds as hw
@@ -148,6 +149,32 @@ def test_a_moving_light_is_where_its_motion_says(kind):
     scene = floor_under(PunctualLight(kind, INTENSITY, Rise(), 10.0, 20.0), fps=2.0)
     for index in (0, 1, 2):
         np.testing.assert_allclose(irradiance(scene, index), np.array(INTENSITY) / (1 + index / 2) ** 2, rtol=1e-4)
+
+
+@dataclass(frozen=True)
+class Swoop:
+    """Ahead on a way of its own, always towards the origin."""
+
+    way: tuple[float, float, float]
+    duration_s: float = 1.0
+
+    def pose(self, time_s):
+        return hw.look_from(np.add((1.0, 2.0, 0.5), np.multiply(time_s, self.way)), (0, 0, 0))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_moving_lights_are_where_their_motions_say_at_each_of_several_instants(count):
+    """However many lights and instants there are, and however many of these there were before."""
+    ways = np.random.default_rng(2).normal(size=(count, 3))
+    lights = [PunctualLight("spot", INTENSITY, Swoop(tuple(way)), 10.0, 20.0) for way in ways]
+    data = SceneData(floor_under(*lights), instants=True)
+    for times_s in ([0.5, 0.1], [0.4], [0.1, 0.9, 0.3, 0.7], [0.2, 0.6]):
+        data.move_to(np.array(times_s))
+        poses = np.array([[light.motion.pose(time_s) for light in lights] for time_s in times_s])
+        table = data.scene.lights.punctual
+        for found, expected in ((table.positions, poses[..., :3, 3]), (table.axes, -poses[..., :3, 2])):
+            there = found.numpy()[: len(times_s) * count].reshape(expected.shape)
+            np.testing.assert_allclose(there, expected, atol=1e-5)
 
 
 @pytest.mark.slow
