@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+import warp as wp
 
-from clsim.render import SceneData
-from clsim.render.emitters.punctual import falloff, power
+from clsim.render import RenderOptions, SceneData
+from clsim.render.emitters.punctual import Punctual, falloff, make_punctual, power
+from clsim.render.textures.texture_data import Textures
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 from tests.render import hand_worlds as hw
 
@@ -175,6 +177,42 @@ def test_moving_lights_are_where_their_motions_say_at_each_of_several_instants(c
         for found, expected in ((table.positions, poses[..., :3, 3]), (table.axes, -poses[..., :3, 2])):
             there = found.numpy()[: len(times_s) * count].reshape(expected.shape)
             np.testing.assert_allclose(there, expected, atol=1e-5)
+
+
+def test_within_an_exposure_each_of_several_spots_shines_from_where_it_is_and_whither_it_points():
+    """KHR_lights_punctual's cone, by the poses at that time; axes are straight from key to key."""
+    ways = ((1.0, 0.0, 0.8), (-1.2, 0.5, 0.0), (0.0, -0.8, 1.2))
+    lights = [PunctualLight("spot", INTENSITY, Swoop(way), 4.0, 20.0) for way in ways]
+    world = floor_under(*lights)
+    data = SceneData(world, interval_s=1.0)
+    data.move(0.5)
+    camera = replace(world.camera, shutter_s=1.0)
+    towards = make_punctual(RenderOptions().features(data.features, camera))
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def ask(
+        lights: Punctual,
+        textures: Textures,
+        position: wp.vec3,
+        times: wp.array[float],
+        out_irradiance: wp.array2d[wp.vec3],
+    ) -> None:
+        i, light = wp.tid()
+        out_irradiance[i, light] = towards(lights, textures, light, position, times[i]).irradiance
+
+    place, times_s = np.array((0.5, 0.1, -0.4)), np.linspace(0.0, 1.0, 33)
+    found = wp.zeros((len(times_s), len(lights)), dtype=wp.vec3, device="cpu")
+    given = [data.scene.lights.punctual, data.scene.materials.textures, wp.vec3(*place)]
+    given.append(wp.array(times_s, dtype=float, device="cpu"))
+    wp.launch(ask, found.shape, inputs=given, outputs=[found], device="cpu")
+    poses = np.array([[light.motion.pose(time_s) for light in lights] for time_s in times_s])
+    ways_m = place - poses[..., :3, 3]
+    distances = np.linalg.norm(ways_m, axis=-1)
+    cosines = np.einsum("tlc,tlc->tl", ways_m, -poses[..., :3, 2]) / distances
+    inner, outer = np.cos(np.radians((4.0, 20.0)))
+    shares = np.clip((cosines - outer) / (inner - outer), 0.0, 1.0) ** 2 / distances**2
+    assert (np.ptp(shares, axis=0) > 0.01).all() and (np.ptp(shares[1:], axis=1) > 1e-3).all()
+    np.testing.assert_allclose(found.numpy(), shares[..., None] * INTENSITY, rtol=2e-3, atol=1e-3)
 
 
 @pytest.mark.slow
