@@ -66,6 +66,15 @@ def test_between_keys_are_hermites_cubic_and_the_slerp():
     np.testing.assert_array_equal(nearest, np.abs(times[:, None] - at).argmin(axis=1))
 
 
+def test_each_quaternion_is_on_the_side_of_the_one_before():
+    """Else the slerp between them would go the long way round. Of random turns every other one has to change sides."""
+    turns = Rotation.random(4 * 50, random_state=np.random.default_rng(1))
+    found = shutter.quaternions(turns.as_matrix().reshape(4, 50, 3, 3))
+    assert (np.sum(found[1:] * found[:-1], axis=-1) >= 0).all()
+    same = np.abs(np.sum(found * turns.as_quat().reshape(found.shape), axis=-1))
+    np.testing.assert_allclose(same, 1, atol=1e-12)
+
+
 @dataclass(frozen=True)
 class Breath:
     """A mesh that grows and shrinks again while it turns and goes up and down."""
