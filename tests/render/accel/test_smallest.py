@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from clsim.render import SceneData
 from clsim.render.accel.placement import place
 from clsim.render.accel.smallest import smallest_of
 from clsim.render.camera.camera import CameraData
@@ -16,6 +17,7 @@ from clsim.render.features.scene_features import scene_features
 from clsim.scene import Camera, ImageTexture, Lens, Material, Mesh, SphereLight, Static
 from clsim.scene.motion import Keyframes
 from tests.render import hand_worlds as hw
+from tests.render.motion.test_blur import Glide
 from tests.render.primary.test_steered import Run, textured_world
 
 SCALED = np.diag([2.0, 2.0, 2.0, 1.0])
@@ -226,3 +228,20 @@ def test_what_a_mirror_shows_is_as_far_as_it_is(place_px):
     beam = hw.box((-9, middle - 0.2 * pixel_m, 33), (9, middle + 0.2 * pixel_m, 33.3))
     mirror = hw.quad((-20, -20, 4), (40, 0, 0), (0, 40, 0), material=1)
     assert seen_coverage(hw.join([mirror, beam])).sum() == pytest.approx(0.4, abs=0.15)
+
+
+def test_no_sphere_is_seen_narrower_than_is_told():
+    """Next to what moves, where a lamp might hide between the corners of a pixel; they move too."""
+    random = np.random.default_rng(6)
+    lamps = [
+        SphereLight(float(radius_m), (1.0, 1.0, 1.0), Glide(tuple(start), tuple(velocity)))
+        for radius_m, start, velocity in zip(
+            random.uniform(0.05, 0.5, 5), random.uniform(-9, 9, (5, 3)), random.normal(size=(5, 3)), strict=True
+        )
+    ]
+    world = replace(hw.world(hw.box((-1, -1, -1), (1, 1, 1)), motions=[Glide()]), sphere_lights=tuple(lamps))
+    data = SceneData(world)
+    for time_s, eye in zip((0.0, 0.4, 2.0), random.uniform(-20, 20, (3, 3)), strict=True):
+        ways_m = [np.linalg.norm(eye - lamp.motion.pose(time_s)[:3, 3]) for lamp in lamps]
+        seen = min(2 * np.arcsin(lamp.radius_m / way_m) for lamp, way_m in zip(lamps, ways_m, strict=True))
+        assert 0.98 * seen < data.least_sphere_rad(eye, time_s) <= seen
