@@ -310,7 +310,7 @@ def test_flow_that_leads_nowhere_is_nowhere_valid_though_it_was_before() -> None
 
 
 @pytest.mark.usefixtures("any_lights")
-@pytest.mark.parametrize("every", [1, 2, 3])
+@pytest.mark.parametrize("every", [1, 2, 3, 6])
 def test_backward_flow_leads_to_the_frame_of_truth_before(every: int) -> None:
     """It is that of the brute force, over as many frames as lie between two of truth."""
     world = replace(a_world(), fps=50.0)
