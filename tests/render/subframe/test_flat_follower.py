@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import warp as wp
 
 import clsim
 from clsim.detect.subframe.flat_pixels import FlatBrightness, FlatPixels
 from clsim.detect.subframe.knots import Knots
 from clsim.frames import ALBEDO, Fineness
-from clsim.render import RenderOptions
+from clsim.render import RenderOptions, SceneData
+from clsim.render.camera.film import Sample
 from clsim.render.subframe.flat_pixels import build_flat_pixels
+from clsim.render.view import settings_of
 from clsim.scene import Lens, load_world
 from clsim.score.matching import Sampling, one_to_one
 from tests.render.primary.test_steered import textured_world
@@ -30,6 +33,25 @@ def test_kernels_of_textured_scenes_are_declared(coated):
         world = replace(world, materials=(replace(floor, kind="plastic"), *others))
     features = RenderOptions(light_cache=True, first_hit_rays=16, probe_spp=1).features_of(world)
     assert features.coats == coated and len(build_flat_pixels(features)) == 3
+
+
+def test_light_of_a_surface_s_own_or_of_a_coat_bounds_what_its_texture_tells():
+    """It is not in proportion to the albedo. Corners of a floor see the one or the other, or both; the rest is flat."""
+    world, (width, height) = textured_world(), (12, 9)
+    data, options = SceneData(world), RenderOptions(light_cache=True, first_hit_rays=16, probe_spp=1)
+    y, x = np.indices((height + 1, width + 1)).reshape(2, -1)
+    seen = np.zeros(len(x), Sample.numpy_dtype())
+    seen["position"], seen["uv"] = np.stack([x, y, 0 * x], axis=1), np.stack([x, y], axis=1)
+    seen["normal"], seen["depth"], seen["material"], seen["hit"], seen["front"] = (0, 0, 1), 5.0, 1, True, True
+    shines, coated = (x > 2) & (x < 6) & (y > 3), (x > 4) & (x < 9) & (y > 5)
+    seen["emission"][shines], seen["coat"][coated] = (0.1, 0.0, 0.0), (0.0, 0.02, 0.02)
+    bound, *_ = build_flat_pixels(options.features(data.features, world.camera, requests=True))
+    bounds = wp.full(len(x), 9, dtype=wp.uint8, device="cpu")
+    settings = settings_of(options, replace(world.camera, width=width, height=height), world.sensor)
+    given = [data.scene, settings, 0, len(x), height + 1, wp.array(seen, dtype=Sample, device="cpu")]
+    wp.launch(bound, 1, inputs=given, outputs=[bounds], device="cpu")
+    last = (x == width) | (y == height)
+    np.testing.assert_array_equal(bounds.numpy() != 0, shines | coated | last)
 
 
 @pytest.mark.slow
