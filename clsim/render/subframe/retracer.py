@@ -22,6 +22,7 @@ from clsim.render.scene_data import SceneData
 from clsim.render.subframe.flat_pixels import INSTANTS
 from clsim.render.subframe.motion_field import build_motion_field, build_pass_over
 from clsim.render.view import RenderCancelled, settings_of
+from clsim.scene import World
 
 if TYPE_CHECKING:
     from clsim.render.subframe.flat_follower import FlatFollower
@@ -139,7 +140,7 @@ class Retracer:
         """
         self._data.poses.forget()
         self._camera.forget()
-        if self._rests(start_s, end_s):
+        if rests(self._data.world, start_s, end_s):
             return None
         instants_s = np.array([start_s, end_s])
         if self._follow is None:
@@ -313,15 +314,6 @@ class Retracer:
         height, width = self._shape
         return -(-height // self._spacing), -(-width // self._spacing)
 
-    def _rests(self, start_s: float, end_s: float) -> bool:
-        """Whether all is where it was, at the middle and the end of a step."""
-        world = self._data.world
-        if any(mesh.deformation is not None for mesh in world.meshes):
-            return False
-        later_s = 0.5 * (start_s + end_s), end_s
-        pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s)
-        return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
-
     def _places_seen_from(self, pose_key: bytes | None) -> Any:
         """Return the array of places seen from a camera pose, where all else rests; None remembers nothing."""
         places = self._places_by_pose.pop(pose_key, None)
@@ -358,6 +350,15 @@ class Retracer:
     def _target(self, requests: int) -> tuple[Any, Any]:
         planes: Any = wp.empty((len(self.names), requests), dtype=wp.float32, device=self._device)
         return planes, wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
+
+
+def rests(world: World, start_s: float, end_s: float) -> bool:
+    """Whether all of a world is where it was, at the middle and the end of a step."""
+    if any(mesh.deformation is not None for mesh in world.meshes):
+        return False
+    later_s = 0.5 * (start_s + end_s), end_s
+    pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s)
+    return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
 
 
 def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -1,6 +1,8 @@
-"""Blocks of the picture over which something goes: they know the longest way that leads over them."""
+"""What moves within a step, and over which blocks of the picture it goes: they know the longest way over them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +10,10 @@ import warp as wp
 
 from clsim.render.device.devices import start_warp
 from clsim.render.subframe.motion_field import FRACTIONS, build_pass_over
+from clsim.render.subframe.retracer import rests
+from clsim.scene import PunctualLight, SphereLight, Static
+from clsim.scene.motion import Keyframes
+from tests.render import hand_worlds as hw
 
 COLUMNS, ROWS = 12, 9
 
@@ -36,3 +42,21 @@ def test_blocks_know_the_longest_way_that_leads_over_them(spacing_px):
     assert (told >= least - 1 / FRACTIONS).all() and (told <= most + 1e-6).all()
     assert (told > least + 0.1).any(), "between its ends"
     np.testing.assert_allclose(told, lengths[keys & 0xFFFFFFFF], atol=1 / FRACTIONS)
+
+
+@pytest.mark.parametrize("who", ["box", "camera", "lamp", "point"])
+def test_a_step_in_which_anything_goes_and_comes_back_is_no_rest(who):
+    """Whoever it is; it stands still, goes to and fro, and stands still again."""
+    there, turn = (0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+    places = (there, there, (0.5, 1.0, 0.0), there, there)
+    goes, stands = Keyframes((0.0, 1.0, 1.5, 2.0, 3.0), places, (turn,) * 5), Static(np.eye(4))
+    motions = {name: goes if name == who else stands for name in ("box", "camera", "lamp", "point")}
+    world = hw.world(
+        hw.box((-1, -1, -1), (1, 1, 1)),
+        motions=[motions["box"]],
+        view=replace(hw.camera(), motion=motions["camera"]),
+        sphere_lights=(SphereLight(0.1, (1.0, 1.0, 1.0), motions["lamp"]),),
+        punctual_lights=(PunctualLight("point", (1.0, 1.0, 1.0), motions["point"]),),
+    )
+    steps = [(0.0, 1.0), (1.0, 1.5), (1.5, 2.0), (1.0, 2.0), (0.75, 2.25), (2.0, 3.0), (4.0, 5.0)]
+    assert [rests(world, *step) for step in steps] == [True, False, False, False, False, True, True]
