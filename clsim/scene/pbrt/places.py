@@ -51,7 +51,9 @@ def read_film(parameters: Parameters) -> Film:
     name, bounds = "pixelbounds", parameters.four("pixelbounds")
     if bounds is None and (window := parameters.four("cropwindow")) is not None:
         name = "cropwindow"
-        bounds = [math.ceil(share * n) for share, n in zip(window, (width, width, height, height), strict=True)]
+        # In 32 bits as pbrt's own, so that roundings end at the same pixel.
+        sizes = (width, width, height, height)
+        bounds = [math.ceil(np.float32(share) * np.float32(n)) for share, n in zip(window, sizes, strict=True)]
     x0, x1, y0, y1 = (0, width, 0, height) if bounds is None else (int(bound) for bound in bounds)
     start, end = (max(x0, 0), max(y0, 0)), (min(x1, width), min(y1, height))
     if not (start[0] < end[0] and start[1] < end[1]):

@@ -1,6 +1,7 @@
 """What of a scene pbrt's films and cameras show: crops, windows and pixels that are not square."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -64,6 +65,23 @@ def test_crops_and_windows_show_what_pbrt_shows(tmp_path, film, start, size, cam
     for x, y in POINTS:
         expected = np.subtract(raster(x, y, window, kind), start)
         np.testing.assert_allclose(pixel(world.camera, x, y), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("part", range(7))
+def test_a_pixel_is_in_the_crop_window_that_holds_its_left_and_upper_edge(tmp_path, part):
+    """Products are in 32 bits, as pbrt's: .3 of 400 is more than 120 there, .55 is 220. Windows side by side tile."""
+    shares = sorted({k / 100 for k in range(part, 101, 7)} | {0.0, 1.0, 0.1234 + part / 11})
+    whole = load(tmp_path, TRIANGLE, head()).camera
+    edges = [[], []]
+    for first, last in pairwise(shares):
+        film = f'"float cropwindow" [{first!r} {last!r} {first!r} {last!r}]'
+        camera = load(tmp_path, TRIANGLE, head(film)).camera
+        starts = np.rint(np.subtract(pixel(whole, 0.4, 0.3), pixel(camera, 0.4, 0.3))).astype(int)
+        for found, start, size in zip(edges, starts.tolist(), (camera.width, camera.height), strict=True):
+            assert start == (found[-1] if found else 0)
+            found += [start, start + size] if not found else [start + size]
+    for found, size in zip(edges, (WIDTH, HEIGHT), strict=True):
+        assert found == np.ceil(np.float32(shares) * np.float32(size)).astype(int).tolist()
 
 
 @pytest.mark.parametrize(
