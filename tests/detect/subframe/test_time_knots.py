@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from clsim.detect.config import DetectorConfig
 from clsim.detect.subframe.knots import CAUTION, TICKS_PER_S, Knots, ticks, vague
 from clsim.detect.subframe.traced_levels import traced_levels
-from clsim.frames import RADIANCE
+from clsim.frames import RADIANCE, Frame, rendered_planes
 from clsim.sensor.reference.ideal import walk
 
 STEP = 2**15
@@ -146,3 +146,42 @@ def test_light_traced_between_frames_has_their_scale_and_floor() -> None:
     levels = traced_levels(config, RADIANCE, (1, 2), lit=True)
     found = levels.levels(np.array([[1.0, 0.0]] * 3, np.float32), np.arange(2), np.zeros(2))
     np.testing.assert_allclose(found, np.log([3.0, 0.5]), rtol=1e-6)
+
+
+def mirror(picture, turn):
+    """Return pictures ``[…, H, W]`` that are mirrored left to right, upside down, or along the diagonal."""
+    mirrors = {"left to right": picture[..., ::-1], "upside down": picture[..., ::-1, :]}
+    return mirrors.get(turn, picture.swapaxes(-1, -2))
+
+
+@pytest.mark.parametrize("turn", ["diagonal", "left to right", "upside down"])
+def test_light_that_goes_along_with_surfaces_goes_the_same_way_in_a_mirror(turn):
+    """No way is rounded to one side more than to the other: mirrored frames, ways and requests have the same levels."""
+    random, shape = np.random.default_rng(4), (7, 9)
+    names = rendered_planes(first_hit_rays=True).names
+    config = DetectorConfig(threshold_on=0.2, threshold_off=0.2)
+
+    def levels_of(frames, ways, asked, shares):
+        height, width = frames.shape[-2:]
+        found = traced_levels(config, names, (height, width), lit=False)
+        for planes in frames:
+            found.advance(Frame(np.ascontiguousarray(planes), names))
+        start, end = np.log(frames[:, 0]).astype(np.float32)
+        found.begin(start, end, np.ascontiguousarray(ways))
+        pixels = np.arange(height * width)
+        there = found.levels(np.ascontiguousarray(asked).reshape(len(names), -1), pixels, shares.ravel())
+        return there.reshape(height, width)
+
+    frames = random.uniform(0.5, 2.0, (2, len(names), *shape)).astype(np.float32)
+    frames[:, names.index("Emission")] *= 0.1
+    ways, asked = random.normal(0, 1.5, (3, 2, *shape)).astype(np.float32), frames[0] * 0.9
+    shares = random.uniform(size=shape)
+    mirrored = mirror(ways, turn).copy()
+    if turn == "diagonal":
+        mirrored = mirrored[:, ::-1]
+    else:
+        mirrored[:, 0 if turn == "left to right" else 1] *= -1.0
+    expected = mirror(levels_of(frames, ways, asked, shares), turn)
+    given = [mirror(each, turn) for each in (frames, asked, shares)]
+    np.testing.assert_allclose(levels_of(given[0], mirrored, *given[1:]), expected, rtol=1e-5)
+    assert np.ptp(expected) > 0.5
