@@ -14,6 +14,7 @@ from clsim.datasets import preview as preview_module
 from clsim.datasets.job import Done, run_job, sequence_folder
 from clsim.datasets.measure import Figures, measure, reasons
 from clsim.datasets.spec import Limits, load_spec
+from clsim.events import EVENT_DTYPE
 
 _SUMMARY = SimpleNamespace(width=10, height=4, frames=6, simulated_s=0.5, events=400, on_events=100)
 
@@ -80,6 +81,27 @@ def test_what_all_will_cost_is_told_by_ten(tmp_path, monkeypatch, workers, hours
     told = preview_module.preview(load_spec(str(Path(__file__).parent / "tiny.toml"), 100), tmp_path, workers)
     assert (told.samples, told.rejected) == (10, 10)
     assert (told.cpu_hours, told.hours, told.gigabytes) == pytest.approx((1.0, hours, 5.0))
+
+
+def test_a_sample_s_events_are_those_next_to_its_picture_in_time():
+    """Where there are so many that they would cover all; each is at a pixel of its own, ON in red, OFF in blue."""
+    events = np.zeros(96, EVENT_DTYPE)
+    events["t"] = 5_050 + 100 * np.arange(96)
+    events["y"], events["x"] = np.divmod(np.random.default_rng(3).permutation(96), 12)
+    events["on"] = np.arange(96) % 3 == 0
+    times_us = np.array([0, 10_000, 20_000])
+    told = SimpleNamespace(
+        width=12,
+        height=8,
+        frame_times_us=times_us,
+        truth=lambda name, frame: np.full((8, 12), 1.0),
+        events=lambda start_us, end_us: events[(events["t"] >= start_us) & (events["t"] < end_us)],
+    )
+    seen = preview_module._tile(told)[:, 12:].astype(int)
+    expected = np.zeros((8, 12), int)
+    near = events[np.argsort(np.abs(events["t"] - times_us[1]), kind="stable")[: 8 * 12 // 6]]
+    expected[near["y"], near["x"]] = np.where(near["on"], 1, -1)
+    np.testing.assert_array_equal(np.sign(np.where(seen.min(axis=2) == 255, 0, seen[..., 0] - seen[..., 2])), expected)
 
 
 def test_a_sequence_holds_what_was_asked_for_and_nothing_that_tells_of_the_clock(tmp_path):
