@@ -101,6 +101,17 @@ def test_a_thin_bar_that_comes_and_goes_between_frames_fires_where_it_goes():
     assert scene.asked < 4 * len(events) and stats.many_crossings == 0
 
 
+@pytest.mark.parametrize("way_px", [0.9, 2.0, 7.0])
+def test_between_whole_pictures_nothing_goes_farther_than_asked(monkeypatch, way_px):
+    """33.3 px from frame to frame, or by less if that makes no whole number of pictures."""
+    scene, times_s, trace = Bars(1000.0), set(), Bars.trace
+    monkeypatch.setattr(Bars, "trace", lambda *given: times_s.update(given[2].tolist()) or trace(*given))
+    run(scene, 30, duration_s=2 / 30, way_px=way_px)
+    pictures_s = sorted(times_s | {frame_time_us(index, 30) * 1e-6 for index in range(3)})
+    ways_px = scene.speed_px * np.diff(pictures_s)
+    assert 0.8 * way_px < ways_px.max() < way_px + 2e-3
+
+
 @pytest.mark.parametrize(("on", "off"), [(0.2, 0.6), (0.6, 0.2)])
 @pytest.mark.parametrize("rises", [True, False])
 def test_each_polarity_has_its_own_threshold_between_frames_too(on, off, rises):
