@@ -226,10 +226,11 @@ def make_cached(
                 if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                     reflected = sample.radiance - sample.emission
                     p = sample.position
-                    n = sample.rest_normal
+                    n = sample.normal
                     instance = int(-1)
                     if wp.static(anchored):
                         p = sample.rest
+                        n = sample.rest_normal
                         instance = sample.instance
                         out_met[i, pixel] = met_by(scene, sample)
                     where = wp.vec4(p[0], p[1], p[2], width_at(steering.cell, sample.depth))

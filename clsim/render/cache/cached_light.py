@@ -135,10 +135,11 @@ def light_of(
         if first.hit:
             footprint_m = width_at(gathering.primary_rays.pixel, first.depth)
             place = surfaces[k].position
-            normal = first.rest_normal
+            normal = first.normal
             instance = int(-1)
             if gathering.anchored:
                 place = surfaces[k].rest
+                normal = first.rest_normal
                 instance = first.instance
             distance_m = wp.length(place - at)
             s.covered += surfaces[k].share

@@ -30,10 +30,9 @@ class Sample:
     ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``boxed`` is whether the first ray went into
     the box around an instance, or met a lamp.
 
-    ``rest_normal`` is how the triangle faces that was hit. Where cells lie on what moves, that is while the instance
-    rests, ``rest`` is where the place is then, and ``instance`` is what was hit, −1 for none. Of a path,
-    ``met_triangle`` and ``weights`` tell that place too, and ``toward`` is the direction in which it was met;
-    ``places`` are those of its trail.
+    Where cells lie on what moves, ``instance`` is what was hit, −1 for none; ``rest`` and ``rest_normal`` are where
+    that place is, and how its triangle faces, while the instance rests. Of a path, ``met_triangle`` and ``weights``
+    tell that place too, and ``toward`` is the direction in which it was met; ``places`` are those of its trail.
     """
 
     radiance: wp.vec3

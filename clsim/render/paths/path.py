@@ -130,8 +130,6 @@ def make_trace(
                 sample.hit = True
                 sample.depth = passed_m
                 sample.normal = kept_normal
-                if wp.static(features.light_cache):
-                    sample.rest_normal = point.normal
                 if wp.static(features.anchored):
                     sample.instance = hit.instance
                     rest, rest_normal = rest_of(scene.geometry, hit, point.front, time)
