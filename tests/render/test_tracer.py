@@ -356,7 +356,7 @@ def test_the_build_is_described():
     sampling = ["Sobol's sequence", "first-hit rays and steered samples", "cached light"]
     sampling += [
         "stored paths that follow the light",
-        "light of coats kept apart",
+        "light of coats, cached separately",
         "light straight from lamps in closed form",
     ]
     kinds = [f"{kind} materials" for kind in others]

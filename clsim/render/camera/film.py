@@ -31,7 +31,7 @@ class Sample:
     the box around an instance, or met a lamp.
 
     Where cells lie on what moves, ``instance`` is what was hit, −1 for none; ``rest`` and ``rest_normal`` are where
-    that place is, and how its triangle faces, while the instance rests. Of a path, ``met_triangle`` and ``weights``
+    that place is, and its normal, while the instance rests. Of a path, ``met_triangle`` and ``weights``
     tell that place too, and ``toward`` is the direction in which it was met; ``places`` are those of its trail.
     """
 

@@ -132,7 +132,7 @@ def make_trace(
                 sample.normal = kept_normal
                 if wp.static(features.anchored):
                     sample.instance = hit.instance
-                    rest, rest_normal = rest_of(scene.geometry, hit, point.front, time)
+                    rest, rest_normal = rest_of(scene.geometry, hit, kept_normal, point.front, time)
                     sample.rest = rest
                     sample.rest_normal = rest_normal
                     if wp.static(not primary_only):
