@@ -34,7 +34,7 @@ def make_rest(features: Features) -> Any:
             p1 = geometry.rest_vertices[first + geometry.indices[3 * hit.triangle + 1]]
             p2 = geometry.rest_vertices[first + geometry.indices[3 * hit.triangle + 2]]
             faces = wp.normalize(wp.cross(p1 - p0, p2 - p0))
-            rest_normal = faces * wp.where(front, 1.0, -1.0)  # type: ignore[assignment]
+            rest_normal = faces * wp.where(front, 1.0, -1.0)
         place = p0 * hit.weight0 + p1 * hit.weight1 + p2 * (1.0 - hit.weight0 - hit.weight1)
         return place * scale, rest_normal  # type: ignore[return-value]
 
