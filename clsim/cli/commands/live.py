@@ -117,8 +117,9 @@ def live(
 
         return run_rig(_open_rig(options, view), as_json=as_json)
     session, listener = _open(options, view, port)
-    if config is not None and not outputs:
-        typer.echo("clsim: no events are written: --config repeats a run, but not its outputs; give --out", err=True)
+    if not outputs and (config is not None or (view == "none" and not as_json)):
+        why = "--config repeats a run, but not its outputs; " if config is not None else ""
+        typer.echo(f"clsim: no events are written: {why}give --out", err=True)
     screen = attach(session, view, port, listener, as_json=as_json)
     from clsim.cli.output.status import run_session
 

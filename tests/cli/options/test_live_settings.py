@@ -69,6 +69,12 @@ def test_a_repeated_run_without_outputs_says_that_nothing_is_written(
         assert outcome.status == 0 and (said in outcome.stderr) == expected
 
 
+def test_a_run_whose_events_go_nowhere_says_so(clsim: Callable[..., object], tmp_path: Path) -> None:
+    for arguments, expected in ((), True), (("--out", tmp_path / "a.txt"), False), (("--json",), False):
+        outcome = clsim("live", "still", *SMALL, *arguments)
+        assert outcome.status == 0 and ("no events are written: give --out" in outcome.stderr) == expected
+
+
 def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "400")
     (said,) = (line for line in clsim("live", "--help").stdout.splitlines() if "How much is spent" in line)
