@@ -116,13 +116,17 @@ def live(
         from clsim.cli.output.rig import run_rig
 
         return run_rig(_open_rig(options, view), as_json=as_json)
-    session, listener = _open(options, view, port)
+    from clsim.cli.output.status import INTERRUPTED, run_session
+
+    try:
+        session, listener = _open(options, view, port)
+    except KeyboardInterrupt:
+        typer.echo("clsim: interrupted before it began", err=True)
+        return INTERRUPTED
     if not outputs and (config is not None or (view == "none" and not as_json)):
         why = "--config repeats a run, but not its outputs; " if config is not None else ""
         typer.echo(f"clsim: no events are written: {why}give --out", err=True)
     screen = attach(session, view, port, listener, as_json=as_json)
-    from clsim.cli.output.status import run_session
-
     return run_session(session, as_json=as_json, screen=screen)
 
 
