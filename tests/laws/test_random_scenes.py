@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 import clsim
-from tests.live.random_scenes import Scene, as_toml, brighter, larger, scene_of, with_speck
+from tests.laws.random_scenes import Scene, as_toml, brighter, larger, scene_of, with_speck
 
 pytestmark = pytest.mark.slow  # a scene's kernels are compiled for it alone
 
