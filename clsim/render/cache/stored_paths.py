@@ -168,6 +168,7 @@ def choose_paths(
                     path.met = met[i, pixel]
                     path.pixel = pixel
                     path.number = number
+                    # By the factor alone: what was added to light would only round it.
                     cached.more = wp.vec3()
                     path.base = before_change(cached, wp.vec3(1.0, 1.0, 1.0))
                     path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
