@@ -197,9 +197,13 @@ class SceneData:
         wide = [2.0 * light.radius_m / max(float(way), 1e-30) for light, way in zip(lights, ways, strict=True)]
         return min(wide, default=math.inf)
 
-    def smallest_m(self, places: npt.NDArray[np.float64], pixel_angle: float) -> npt.NDArray[np.float64]:
-        """Return the width below which nothing lies as seen from each place ``[K, 3]``; 0 where that is unknown."""
-        return self._smallest.seen_from(places, pixel_angle) if self._smallest else np.zeros(len(places))
+    def clear_m(
+        self, places: npt.NDArray[np.float64], times_s: npt.NDArray[np.float64], narrow: tuple[float, float]
+    ) -> npt.NDArray[np.float64]:
+        """Return how far from each place ``[K, 3]`` nothing is narrow at that time; see ``Smallest.clear_m``."""
+        if self._smallest is None:
+            return np.zeros(len(places))
+        return self._smallest.clear_m(places, times_s, narrow, self._pose)
 
     @property
     def most_instants(self) -> int:

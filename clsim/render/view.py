@@ -115,8 +115,8 @@ class View:
         self._device = data.device
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
-        smallest_m = data.smallest_m if options.first_hit_rays else None
-        self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
+        clear_m = data.clear_m if options.first_hit_rays else None
+        self._camera = CameraData(camera, features, data.origin_m, self._device, clear_m)
         self._motion, self._sky_differs = camera.motion, features.environment_map
         self._settings: Any = settings_of(options, camera, data.world.sensor)
         if features.motion_blur:

@@ -1,21 +1,22 @@
-"""The smallest width of anything in a world: what is seen wider than a pixel hides between no corners of one.
+"""How far nothing is narrow: what is seen wider than a pixel hides between no corners of one.
 
 A sheet is as wide as its triangles, but not where it is seen on its edge.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from clsim.render.accel.placement import Placement
-from clsim.render.motion.deform import deforms
-from clsim.scene import Instance, Mesh, SphereLight
+from clsim.render.motion.deform import box, deforms
+from clsim.scene import Instance, Mesh, Motion, SphereLight, Static
 
 F64 = npt.NDArray[np.float64]
+PoseAt = Callable[[Motion, float], F64]
 Mask = npt.NDArray[np.bool_]
 
 _MOST_TRIANGLES = 1 << 16
@@ -23,17 +24,42 @@ _MOST_TRIANGLES = 1 << 16
 _SLIVER = 1e-6
 """Share of its longest side below which a triangle's height is taken for a rounding of none: nobody sees it."""
 _MOST_MOVING = 64
-"""Moving objects from which on the same holds."""
+"""Moving objects from which on the same holds; from so many lamps on, all are as near as the nearest of them."""
 _TIMES = 33
 """Times of a motion at which an object's scale is sampled."""
+_CUBE = np.full(3, 1.0 / np.sqrt(3.0))
+"""Half the box within a sphere, whose corners are a radius away from its middle."""
 _MOST_AT_ONCE = 1 << 14
 """Sheets times places that are evaluated together, so that memory does not grow."""
 _FOLD = np.cos(np.radians(30.0))
 """Cosine of the angle between two triangles below which both are as good as one sheet."""
 _TIP_RAD = np.radians(50.0)
 """Sum of the angles around a corner below which it is a tip, which is narrow far from its end too."""
-_WIDE_PX = 2.0
-"""Width that a sheet is seen to have, if it is not seen on its edge [pixels]."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Where something is, and how narrow it is.
+
+    Attributes:
+        width_m: the lowest height of its triangles, or the diameter of a sphere [m]; 0 where that is unknown or tells
+            nothing, infinite where there is nothing.
+        motion: how it moves.
+        box: the least and the greatest of its own coordinates ``[2, 3]``; None where it may be anywhere.
+    """
+
+    width_m: float
+    motion: Motion
+    box: F64 | None
+
+    def nearest_m(self, places: F64, poses: F64) -> F64:
+        """Return how near it may be to each place in the world ``[K, 3]``, if it stands so ``[K, 4, 4]``."""
+        if self.box is None:
+            return np.zeros(len(places))
+        turned, (low, high) = poses[:, :3, :3], self.box
+        ways = turned @ (low + high) / 2 + poses[:, :3, 3] - places
+        sizes = np.abs(turned) @ (high - low) / 2
+        return np.asarray(np.maximum(np.linalg.norm(ways, axis=1) - np.linalg.norm(sizes, axis=1), 0.0))
 
 
 @dataclass(frozen=True)
@@ -41,52 +67,89 @@ class Smallest:
     """What is narrow in a world.
 
     Attributes:
-        width_m: the lowest height of all triangles and the least diameter of all spheres [m]; 0 where that is unknown,
-            or tells nothing, infinite where there is nothing at all.
+        extents: all that there is.
         sheets: triangles that stand still and may be seen on their edge: corners ``[N, 3, 3]`` in the world [m].
     """
 
-    width_m: float
+    extents: tuple[Extent, ...]
     sheets: F64
 
-    def seen_from(self, places: F64, pixel_angle: float) -> F64:
-        """Return the width below which nothing lies as seen from each place ``[K, 3]``; a pixel is so wide [rad]."""
-        if not len(self.sheets):
-            return np.full(len(places), self.width_m)
-        batches = range(0, len(places), max(1, _MOST_AT_ONCE // max(1, len(self.sheets))))
-        step = batches.step
-        wide = [self._all_wide(places[first : first + step], pixel_angle) for first in batches]
-        return np.where(np.concatenate([np.zeros(0, np.bool_), *wide]), self.width_m, 0.0)
+    def clear_m(self, places: F64, times_s: F64, narrow: tuple[float, float], pose_at: PoseAt) -> F64:
+        """Return how far from each place nothing that is seen is narrow [m].
 
-    def _all_wide(self, places: F64, pixel_angle: float) -> Mask:
-        """Return from which places ``[K, 3]`` no sheet is seen on its edge."""
+        Args:
+            places: from where one looks, ``[K, 3]``.
+            times_s: when, ``[K]``.
+            narrow: what is narrow as seen from a place [rad], or 0 where that is a width [m] at all distances.
+            pose_at: the pose of a motion at a time.
+        """
+        clear = np.full(len(places), np.inf)
+        wide_to = sorted(
+            ((_wide_to(extent.width_m, narrow), extent) for extent in self.extents), key=lambda pair: pair[0]
+        )
+        for wide_m, extent in wide_to:
+            if (clear <= wide_m).all():
+                break
+            # Parallel rays have no place from which something is far off.
+            poses = np.array([pose_at(extent.motion, time_s) for time_s in times_s.tolist()]) if narrow[0] else None
+            near_m = 0.0 if poses is None else extent.nearest_m(places, poses)
+            clear = np.minimum(clear, np.maximum(near_m, wide_m))
+        if not len(self.sheets):
+            return clear
+        step = max(1, _MOST_AT_ONCE // len(self.sheets))
+        batches = [self._edges_m(places[first : first + step], narrow) for first in range(0, len(places), step)]
+        return np.asarray(np.minimum(clear, np.concatenate([np.zeros(0), *batches])))
+
+    def _edges_m(self, places: F64, narrow: tuple[float, float]) -> F64:
+        """Return how far from each place ``[K, 3]`` the nearest sheet is that is seen on its edge."""
         ways = self.sheets - places[:, None, None]
-        a, b, c = np.moveaxis(ways / np.maximum(np.linalg.norm(ways, axis=3, keepdims=True), 1e-30), 2, 0)
+        lengths = np.maximum(np.linalg.norm(ways, axis=3), 1e-30)
+        a, b, c = np.moveaxis(ways / lengths[..., None], 2, 0)
         # Seen from there, a corner is so far away from the great circle through the two others.
         off = np.abs((a * np.cross(b, c)).sum(axis=2))
         cosines = [(one * other).sum(axis=2) for one, other in ((a, b), (b, c), (c, a))]
         longest = np.sqrt(np.maximum(1.0 - np.square(cosines).min(axis=0), 0.0))
-        return np.asarray((off >= np.sin(_WIDE_PX * pixel_angle) * longest).all(axis=1))
+        if not narrow[0]:
+            return np.zeros(len(places))
+        on_edge = off < np.sin(narrow[0]) * longest
+        # No point of a triangle is nearer than its farthest corner less its longest side.
+        sides = np.linalg.norm(np.roll(self.sheets, -1, axis=1) - self.sheets, axis=2).max(axis=1)
+        near = np.maximum(lengths.max(axis=2) - sides, 0.0)
+        return np.asarray(np.where(on_edge, near, np.inf).min(axis=1))
 
 
 def smallest_of(placement: Placement, sphere_lights: Iterable[SphereLight]) -> Smallest:
     """Find what is narrow."""
-    sheets = [np.zeros((0, 3, 3))]
-    width_m = min((2.0 * sphere.radius_m for sphere in sphere_lights), default=np.inf)
+    sheets, spheres = [np.zeros((0, 3, 3))], list(sphere_lights)
+    extents = [Extent(2.0 * s.radius_m, s.motion, s.radius_m * np.array([[-1.0], [1.0]]) * _CUBE) for s in spheres]
+    if len(spheres) > _MOST_MOVING:
+        extents = [Extent(min(extent.width_m for extent in extents), Static(np.eye(4)), None)]
     moving = sum(instance.motion.duration_s > 0 for instance in placement.instances)
     for instance in placement.instances:
         mesh = placement.meshes[instance.mesh]
-        if moving > _MOST_MOVING or len(mesh.triangles) > _MOST_TRIANGLES or deforms(mesh):
-            return Smallest(0.0, sheets[0])
+        if moving > _MOST_MOVING or deforms(mesh):
+            return Smallest((Extent(0.0, instance.motion, None),), sheets[0])
+        if len(mesh.triangles) > _MOST_TRIANGLES:
+            extents.append(Extent(0.0, instance.motion, box(mesh)))
+            continue
         corners = _seen(mesh)
         heights, _ = _heights(corners)
-        width_m = min(width_m, float(heights.min(initial=np.inf)) * _least_scale(instance))
+        width_m = float(heights.min(initial=np.inf)) * _least_scale(instance)
         thin, tips = _edges_and_tips(corners)
         if tips or (thin.any() and instance.motion.duration_s > 0):
-            return Smallest(0.0, sheets[0])
+            width_m = 0.0
         pose = instance.motion.pose(0.0)
-        sheets.append(corners[thin] @ pose[:3, :3].T + pose[:3, 3])
-    return Smallest(width_m, np.concatenate(sheets))
+        extents.append(Extent(width_m, instance.motion, box(mesh)))
+        if width_m > 0.0:
+            sheets.append(corners[thin] @ pose[:3, :3].T + pose[:3, 3])
+    return Smallest(tuple(extents), np.concatenate(sheets))
+
+
+def _wide_to(width_m: float, narrow: tuple[float, float]) -> float:
+    """Return how far something of that width is not seen narrow [m]."""
+    if narrow[0]:
+        return width_m / narrow[0]
+    return np.inf if width_m > narrow[1] else 0.0
 
 
 def _seen(mesh: Mesh) -> F64:

@@ -38,6 +38,9 @@ from clsim.scene import Camera
 _ITERATIONS = wp.constant(12)
 _TOLERANCE = wp.constant(2.0e-6)
 vec5 = wp.types.vector(length=5, dtype=wp.float32)
+Clear = Callable[[npt.NDArray[np.float64], npt.NDArray[np.float64], tuple[float, float]], npt.NDArray[np.float64]]
+_NARROW_PX = 2.0
+"""Width below which something may hide between the corners of a pixel [pixels]."""
 
 
 @wp.struct
@@ -48,7 +51,7 @@ class CameraState:
     to its top left corner. The others have their intrinsics in pixels, and a pose for each key of the exposure;
     ``limit`` is the tangent (fisheye: the angle) squared up to which distortion can be inverted. Where requests tell
     the instant, each has a pose, and of a plain pinhole ``positions`` and ``images`` (right, down and corner as rows).
-    ``smallest_m`` tells, for each instant, the width below which nothing lies as seen from there; 0 is unknown.
+    ``clear_m`` tells, for each instant, how far from there nothing is seen narrower than two pixels; 0 is unknown.
     """
 
     origin: wp.vec3
@@ -65,7 +68,7 @@ class CameraState:
     steps: wp.array[wp.vec3]
     rotations: wp.array[wp.quat]
     images: wp.array[wp.mat33]
-    smallest_m: wp.array[float]
+    clear_m: wp.array[float]
 
 
 @wp.struct
@@ -242,7 +245,7 @@ class CameraData:
         features: Features,
         origin_m: npt.NDArray[np.float64],
         device: Any,
-        smallest_m: Callable[[npt.NDArray[np.float64], float], npt.NDArray[np.float64]] | None = None,
+        clear_m: Clear | None = None,
     ) -> None:
         """Take what does not change with time.
 
@@ -251,8 +254,8 @@ class CameraData:
             features: what the kernels are built for.
             origin_m: the world's point at which the device's origin is.
             device: Warp's device.
-            smallest_m: returns the width below which nothing lies as seen from each of some places ``[K, 3]``, where a
-                pixel is so wide [rad]; without it, that is unknown.
+            clear_m: returns how far from each of some places ``[K, 3]`` nothing is narrow at those times ``[K]``; what
+                is narrow is told in rad, or if that is 0 in m. Without it, that is unknown.
         """
         self._camera = camera
         self._origin_m = origin_m
@@ -276,16 +279,13 @@ class CameraData:
         self._view.steps = wp.zeros(keys, dtype=wp.vec3, device=device)
         self._view.rotations = wp.zeros(keys, dtype=wp.quat, device=device)
         self._view.images = wp.zeros(1, dtype=wp.mat33, device=device)
-        self._view.smallest_m = wp.zeros(1, dtype=float, device=device)
-        # Who asks takes all pixels for as wide as on average, and leaves room for those twice as wide.
-        self._pixel_angle, _ = pixel_of(camera)
-        self._wider = 1.0
-        if lens.model == "orthographic":
-            # There is no place from which all is seen, so that what may be seen on its edge is taken to be.
-            self._pixel_angle = math.pi / 4.0
-        else:
-            self._wider = max(1.0, widest_pixel(camera) / (2.0 * self._pixel_angle))
-        self._smallest_m = smallest_m
+        self._view.clear_m = wp.zeros(1, dtype=float, device=device)
+        rad, wide_m = pixel_of(camera)
+        if rad > 0.0:
+            # Who asks takes all pixels for as wide as on average, and leaves room for those twice as wide.
+            rad = max(rad, widest_pixel(camera) / 2.0)
+        self._narrow = _NARROW_PX * rad, _NARROW_PX * wide_m
+        self._clear_m = clear_m
         self._stood = ByTime(self._standing)
 
     def at(self, time_s: float) -> Any:
@@ -297,7 +297,7 @@ class CameraData:
         self._view.steps.assign(key_steps([motion], times_s, positions[:, None])[:, 0].astype(np.float32))
         self._view.rotations.assign(quaternions(_axes(poses)).astype(np.float32))
         middle = motion.pose(time_s)
-        self._view.smallest_m.assign(self._smallest(middle[None]))
+        self._view.clear_m.assign(self._clear(middle[None], np.array([time_s])))
         self._view.origin = wp.vec3(*(middle[:3, 3] - self._origin_m))
         right, down, corner = self._images(middle[None])[0]
         self._view.right, self._view.down, self._view.corner = wp.vec3(*right), wp.vec3(*down), wp.vec3(*corner)
@@ -306,9 +306,9 @@ class CameraData:
     def at_instants(self, times_s: npt.NDArray[np.float64]) -> Any:
         """Return the views at those times, one after the other."""
         rows = self._stood.rows(times_s)
-        smallest_m, positions, turned = (np.ascontiguousarray(part) for part in np.split(rows, (1, 4), axis=1))
+        clear_m, positions, turned = (np.ascontiguousarray(part) for part in np.split(rows, (1, 4), axis=1))
         device = self._view.positions.device
-        self._view.smallest_m = array(smallest_m[:, 0], float, device)
+        self._view.clear_m = array(clear_m[:, 0], float, device)
         self._view.positions = array(positions, wp.vec3, device)
         if self._plain:
             self._view.images = array(turned.reshape(-1, 3, 3), wp.mat33, device)
@@ -318,24 +318,24 @@ class CameraData:
 
     def pose_key(self, time_s: float) -> bytes:
         """Return what tells where the camera stands at a time."""
-        return self._stood.rows(np.array([time_s])).tobytes()
+        return self._stood.rows(np.array([time_s]))[:, 1:].tobytes()
 
     def forget(self) -> None:
         """Forget the poses at instants: time has gone on, or the camera was moved."""
         self._stood.forget()
 
     def _standing(self, times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Return a row for each instant: the smallest width, the position, and the image or the rotation."""
+        """Return a row for each instant: how far all is clear, the position, and the image or the rotation."""
         poses = np.array([self._camera.motion.pose(time_s) for time_s in times_s.tolist()])
         turned = self._images(poses).reshape(-1, 9) if self._plain else quaternions(_axes(poses))
-        parts = self._smallest(poses)[:, None], poses[:, :3, 3] - self._origin_m, turned
+        parts = self._clear(poses, times_s)[:, None], poses[:, :3, 3] - self._origin_m, turned
         return np.concatenate(parts, axis=1).astype(np.float32)
 
-    def _smallest(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Return the width below which nothing lies as seen from each of some poses ``[K, 4, 4]`` [m]."""
-        if self._smallest_m is None:
+    def _clear(self, poses: npt.NDArray[np.float64], times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """Return how far from each of some poses ``[K, 4, 4]`` nothing is narrow [m]."""
+        if self._clear_m is None:
             return np.zeros(len(poses), np.float32)
-        return (self._smallest_m(poses[:, :3, 3], self._wider * self._pixel_angle) / self._wider).astype(np.float32)
+        return self._clear_m(poses[:, :3, 3], times_s, self._narrow).astype(np.float32)
 
     def _images(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the planes of the images of poses ``[K, 4, 4]``: right, down and the corner, ``[K, 3, 3]``."""

@@ -10,7 +10,6 @@ from typing import Any
 import warp as wp
 
 from clsim.render.camera.film import Sample
-from clsim.render.camera.pixel_width import width_at
 from clsim.render.native import native_code
 from clsim.render.primary.corners import corner_at, corner_near
 from clsim.render.primary.lamp_light import same_light, same_share
@@ -202,7 +201,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         scene: scene_type,
         settings: settings_type,
         pixel: wp.vec2,
-        smallest_m: float,
+        clear_m: float,
         corners: wp.array[Sample],
         nearest: int,
         row: int,
@@ -260,7 +259,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
             if (edge.plain or edge.flat) and not edge.shaded and corners[asker].lamp_all > 0.0:
                 edge.shaded = _is_lit_otherwise_around(corners, nearest, row, asker, pixel)
         # A box that juts out between two corners is mostly empty there: a ray or two inside would see no more of it.
-        edge.whole = one_triangle and smallest_m > _WIDE_PX * width_at(pixel, farthest)
+        edge.whole = one_triangle and farthest < clear_m
         edge.whole = edge.whole or (not boxed and settings.least_sphere_rad > _WIDE_PX * pixel[0])
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10

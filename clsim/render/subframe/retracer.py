@@ -90,8 +90,8 @@ class Retracer:
         self._follow: tuple[Any, Any, Any, Any] | None = None
         self._places_by_pose: dict[bytes | None, Any] = {}
         self._kernel = build_kernel(features, data.tree)
-        smallest_m = data.smallest_m if self._first_hits else None
-        self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
+        clear_m = data.clear_m if self._first_hits else None
+        self._camera = CameraData(camera, features, data.origin_m, self._device, clear_m)
         self._settings: Any = settings_of(options, camera, data.world.sensor)
         self._settings.stream = stream_state(options.seed, None)
         self._primary_setup = PrimarySetup(pixel_of(camera), features.sharp, features.lamp_light)

@@ -1,4 +1,4 @@
-"""The smallest width in a world, in closed form, and pixels that need no ray for what is narrower."""
+"""How narrow things are and how far nothing is, in closed form, and pixels that need no ray for what is narrower."""
 
 from __future__ import annotations
 
@@ -25,7 +25,13 @@ MOVING = Keyframes((0.0, 1.0), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 0.0, 0
 
 
 def width_of(world):
-    return smallest_of(place(world), world.sphere_lights).width_m
+    return min(extent.width_m for extent in smallest_of(place(world), world.sphere_lights).extents)
+
+
+def clear_of(world, places, narrow=(2e-3, 0.0), time_s=0.0):
+    """Return how far nothing is narrow, as seen from some places."""
+    smallest = smallest_of(place(world), world.sphere_lights)
+    return smallest.clear_m(np.array(places), np.full(len(places), time_s), narrow, lambda motion, at: motion.pose(at))
 
 
 def triangles(*corners):
@@ -123,9 +129,53 @@ def test_what_is_folded_flat_is_as_good_as_a_sheet():
 
 def test_seen_on_its_edge_a_sheet_has_no_width():
     """As seen from 10 m at height h a sheet of 4 m is about 0.4 h/14 rad wide, for triangles a little less."""
-    smallest = smallest_of(place(hw.world(hw.quad((-20, 0, -14), (40, 0, 0), (0, 0, 4)))), ())
-    above, low = smallest.seen_from(np.array([[0.0, height, 0.0] for height in (0.3, 0.02)]), 1e-3)
-    assert above == smallest.width_m > 3.0 and low == 0.0
+    sheet = hw.world(hw.quad((-20, 0, -14), (40, 0, 0), (0, 0, 4)))
+    above, low = clear_of(sheet, [[0.0, height, 0.0] for height in (0.3, 0.02)])
+    assert above == width_of(sheet) / 2e-3 and above > 1500.0
+    assert low <= 10.0
+
+
+@pytest.mark.parametrize("motion", [Static(hw.translation(0, -30, 0)), Glide((0.0, -30.0, 0.0), (0.5, -1.0, 0.0))])
+def test_what_is_far_is_narrow_for_nobody_who_looks_less_far(motion):
+    """A room of boxes 2 m wide, which 2 mrad see wide up to a kilometre, and a box of 1 cm 30 m below."""
+    room, speck = hw.box((-2, 0, -2), (2, 2, 2)), hw.box((-0.005,) * 3, (0.005,) * 3)
+    alone = clear_of(hw.world(room, motions=[MOVING]), [(0, 1, 0)])
+    for time_s in (0.0, 2.0):
+        both = clear_of(hw.world(room, speck, motions=[MOVING, motion]), [(0, 1, 0)], time_s=time_s)
+        way_m = np.linalg.norm(motion.pose(time_s)[:3, 3] - (0, 1, 0))
+        assert way_m - 0.01 < both < way_m < alone
+
+
+@pytest.mark.parametrize(
+    "sheet", [hw.quad((-1, 0, -51), (2, 0, 0), (0, 0, 2)), hw.quad((-1, 0, 51), (2, 0, 0), (0, 0, -2))]
+)
+def test_a_sheet_on_its_edge_is_narrow_for_nobody_who_looks_less_far(sheet):
+    assert 46.0 < clear_of(hw.world(hw.join([hw.box((-3, -3, -3), (3, 3, 3)), sheet])), [(0, 0, 0)])[0] <= 50.0
+
+
+def test_before_how_far_it_is_clear_nothing_is_narrow():
+    """Boxes and lamps of random sizes at random places, which move; narrow ones are no nearer than is told."""
+    random = np.random.default_rng(5)
+    sizes, starts = 10 ** random.uniform(-2.5, 0.5, 12), random.normal(size=(12, 3)) * 20
+    ways = [
+        Glide(tuple(start), tuple(velocity))
+        for start, velocity in zip(starts, random.normal(size=(12, 3)), strict=True)
+    ]
+    boxes = [hw.box((-size / 2,) * 3, (size / 2,) * 3) for size in sizes[:9]]
+    lamps = tuple(SphereLight(size / 2, (1.0, 1.0, 1.0), way) for size, way in zip(sizes[9:], ways[9:], strict=True))
+    world = replace(hw.world(*boxes, motions=ways[:9]), sphere_lights=lamps)
+    widths = np.append(sizes[:9] / np.sqrt(2), sizes[9:])
+    for time_s, place_m in zip((0.0, 0.5, 1.5), random.normal(size=(3, 3)) * 9, strict=True):
+        clear = clear_of(world, [place_m], (0.02, 0.0), time_s)[0]
+        middles_m = np.array([np.linalg.norm(way.pose(time_s)[:3, 3] - place_m) for way in ways])
+        near_m = middles_m - sizes / 2 * np.append(np.full(9, np.sqrt(3)), np.ones(3))
+        assert clear == pytest.approx(np.maximum(near_m, widths / 0.02).min(), rel=1e-4)
+
+
+def test_parallel_rays_tell_narrow_things_however_far_they_are():
+    """Of a box of 1 m, whose triangles are .7 m high."""
+    box = hw.world(hw.box((99.0, 0.0, 0.0), (100.0, 1.0, 1.0)))
+    assert clear_of(box, [(0, 0, 0)], (0.0, 0.70))[0] == np.inf and clear_of(box, [(0, 0, 0)], (0.0, 0.71))[0] == 0.0
 
 
 def seen_coverage(mesh, crumb=()):
@@ -176,15 +226,17 @@ def test_the_widest_pixel_is_that_of_the_rays(lens, fov_deg):
 
 def test_wide_pixels_show_less_of_what_is_small():
     """A box of 1 m, from 135° on by a pinhole."""
-    smallest = smallest_of(place(hw.world(hw.box((0, 0, 0), (1, 1, 1)))), ())
-    features, widths = scene_features(hw.world(hw.box((0, 0, 0), (1, 1, 1))), 0.0), []
+    world, widths = hw.world(hw.box((0, 0, 0), (1, 1, 1))), []
+    told = SceneData(world)
     for fov_deg in (90.0, 130.0, 160.0):
         camera = Camera(64, 48, fov_deg, hw.IDENTITY)
-        data = CameraData(camera, view_features(features, camera), np.zeros(3), "cpu", smallest.seen_from)
-        widths.append(float(data.at(0.0).smallest_m.numpy()[0]))
-    assert widths[0] == widths[1] == pytest.approx(smallest.width_m)
+        features = view_features(scene_features(world, 0.0), camera)
+        data = CameraData(camera, features, np.zeros(3), "cpu", told.clear_m)
+        # As far as this a box of so many metres is two average pixels wide.
+        widths.append(float(data.at(0.0).clear_m.numpy()[0]) * 2 * np.radians(fov_deg) / 64)
+    assert widths[0] == pytest.approx(width_of(world)) and widths[1] == pytest.approx(width_of(world))
     wider = np.tan(np.radians(80)) / np.radians(80) / 2
-    assert widths[2] == pytest.approx(smallest.width_m / wider, rel=1e-3)
+    assert widths[2] == pytest.approx(width_of(world) / wider, rel=1e-3)
 
 
 @pytest.mark.slow
