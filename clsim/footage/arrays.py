@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import chain
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from clsim.errors import InputError
 from clsim.footage import Transfer
 from clsim.footage.source import Footage, Reading
+from clsim.footage.times import read_time_us
 from clsim.footage.transfer import decode
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray
@@ -36,13 +38,13 @@ class Arrays(Footage):
         """
         if times_us is None and fps is None:
             raise InputError("arrays carry no times; give `fps` or `times_us`")
-        arrays: Iterator[Any] = iter(frames)
+        arrays = _each("frames", frames, "the name of a video or folder, or arrays")
         first = next(arrays, None)
         if first is None:
             raise InputError("there is no frame; expected arrays [H, W] or [H, W, 3]")
         first = _picture(first, 0)
         self._arrays = chain((first,), arrays)
-        self._times: Iterator[int] | None = None if times_us is None else iter(times_us)
+        self._times = None if times_us is None else _each("times_us", times_us, "numbers of µs")
         self._dtype = first.dtype
         whole = first.dtype.kind == "u"
         steps = int(np.iinfo(first.dtype).max) if whole else None
@@ -67,14 +69,37 @@ class Arrays(Footage):
         time_us = next(self._times, None)
         if time_us is None:
             raise InputError(f"there is no time for frame {index}; expected one for each frame")
-        return int(time_us)
+        return self._later(time_us, index)
+
+    def _later(self, given: Any, index: int) -> int:
+        """Return the time that is given for a frame; raises InputError unless it is after the one before."""
+        time_us = read_time_us(given, index)
+        if time_us <= self._last_us:
+            after = f"later than {self._last_us} µs of the one before" if index else "0 or later"
+            seconds = " (seconds?)" if isinstance(given, Real) and given != time_us else ""
+            raise InputError(f"`times_us` has {given} µs{seconds} for frame {index}, expected {after}")
+        return time_us
 
     def close(self) -> None:
         """Release nothing: the arrays are the caller's."""
 
 
+def _each(name: str, values: Any, expected: str) -> Iterator[Any]:
+    try:
+        if not isinstance(values, bytes):
+            return iter(values)
+    except TypeError:  # it is one value
+        pass
+    raise InputError(f"`{name}` must be {expected}, got {values!r:.200}")
+
+
 def _picture(array: Any, index: int) -> npt.NDArray[Any]:
-    picture = np.asarray(array)
+    try:
+        picture = np.asarray(array)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"frame {index} cannot be read as an array ({error})") from None
+    if not picture.dtype.isnative:
+        picture = picture.astype(picture.dtype.newbyteorder("="))
     if picture.dtype.kind == "f" and picture.dtype != np.float32:
         picture = picture.astype(np.float32)
     if picture.dtype not in (np.uint8, np.uint16, np.float32) or not (

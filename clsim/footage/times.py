@@ -1,10 +1,12 @@
-"""Lists of times of frames, from files."""
+"""Lists of times of frames, from files and from programs."""
 
 from __future__ import annotations
 
+import operator
 import re
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +57,26 @@ def check_rising(times_us: list[int], where: str) -> None:
     for k, (before, after) in enumerate(pairwise(times_us), 1):
         if after <= before:
             raise InputError(f"{where}: frame {k} is at {after} µs, expected later than {before} µs of the one before")
+
+
+def read_time_us(value: Any, index: int) -> int:
+    """Return what a program gives as the time of a frame, rounded to whole µs.
+
+    Raises:
+        InputError: it is no number, or one of numpy's times, whose unit would be lost.
+    """
+    try:
+        if getattr(getattr(value, "dtype", None), "kind", None) in ("m", "M"):
+            raise TypeError
+        try:
+            time_us = operator.index(value)
+        except TypeError:
+            time_us = round(float(value))
+        if abs(time_us) < _LATEST_US:
+            return time_us
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"`times_us` must be numbers of µs, got {value!r} for frame {index}")
 
 
 def _of_array(path: Path, unit: TimeUnit) -> list[int]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from os import PathLike
+from typing import Any, cast
 
 import numpy.typing as npt
 
@@ -18,7 +19,7 @@ from clsim.footage.arrays import Arrays
 from clsim.footage.conventions import CONVENTIONS, PLAIN, Settings
 from clsim.footage.open import open_footage
 from clsim.footage.source import Footage, Reading
-from clsim.footage.times import read_times_us
+from clsim.footage.times import read_time_us, read_times_us
 from clsim.frames import Frame, SourceEnded, page_aligned
 from clsim.live.outputs.opening import open_sinks
 from clsim.live.outputs.sidecars import about_run
@@ -120,7 +121,7 @@ def open_footage_session(
 
 
 def events_from(
-    frames: str | Iterable[npt.ArrayLike],
+    frames: str | PathLike[str] | Iterable[npt.ArrayLike],
     times_us: Iterable[int] | None = None,
     *,
     fps: float | None = None,
@@ -152,14 +153,19 @@ def events_from(
     Raises:
         InputError: the footage or an option cannot be used.
     """
-    settings = PLAIN if like is None else from_plain(FootageOptions, {"frames": "", "like": like}).settings
-    chosen = transfer or settings.transfer
-    if isinstance(frames, str):
-        times = None if times_us is None else [int(time) for time in times_us]
-        source: Footage = open_footage(frames, Reading(chosen, times, fps, settings.offset))
-    else:
-        source = Arrays(frames, times_us, chosen, fps=fps, offset=settings.offset)
+    if fps is not None and times_us is not None:
+        raise InputError("`fps` and `times_us` both tell when frames were taken; give one of them")
     seen_by = from_plain(RecordedSensor, {"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit})
+    given = {"fps": fps, "transfer": transfer, "like": like, "opencl": opencl, "seen_by": seen_by}
+    named = isinstance(frames, str | PathLike)
+    told = from_plain(FootageOptions, given | {"frames": frames if named else ""})
+    settings, fps = told.settings, told.fps
+    chosen = told.transfer or settings.transfer
+    if named:
+        times = None if times_us is None else [read_time_us(time, k) for k, time in enumerate(times_us)]
+        source: Footage = open_footage(told.frames, Reading(chosen, times, fps, settings.offset))
+    else:
+        source = Arrays(cast(Any, frames), times_us, chosen, fps=fps, offset=settings.offset)
     asked = seen_by.detector(settings.detector | detector, "esim")
     config = footage_detector(source, settings, asked)
     size = source.width, source.height
