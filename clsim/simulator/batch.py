@@ -41,7 +41,7 @@ class Batch(Sequence[Simulator]):
         if n < 1:
             raise InputError(f"`n` must be at least 1, got {n}")
         first = Simulator(scene, **options)
-        seed = options.get("seed", 0)
+        seed = read_value("seed", options.get("seed", 0), int)  # a number of numpy would wrap around
         self._simulators = [first, *(first.twin(seed + k) for k in range(1, n))]
 
     def __len__(self) -> int:

@@ -25,6 +25,7 @@ from clsim.scene import World
 from clsim.scene.driven import CAMERA, read_place
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectories.trajectory import Axes, Interpolation, turned
+from clsim.scene.validate import BRIGHTEST
 from clsim.sensor.settings import SensorSettings
 from clsim.simulator.camera_pipeline import CameraPipeline, check_truth
 from clsim.simulator.driving import Driving
@@ -173,19 +174,21 @@ class Driver(ABC):
         Raises:
             InputError: as `set_pose`.
         """
+        self._check_open()
         position, rotation, scale = read_place("pose", pose)
         if read_value("axes", axes, Axes) == "opencv":
             rotation = turned(rotation)
         at_us = read_value("at_us", at_us, int | None)
         self._driving.set_place(CAMERA, (position, rotation, scale), at_us, self.frame_time_us)
 
-    def pose(self, name: str, time_us: int | None = None) -> Matrix:
+    def pose(self, name: str, time_us: float | None = None) -> Matrix:
         """Return the pose ``[4, 4]`` of what is called so, at a time [µs] or, without one, at the last frame.
 
         Raises:
             InputError: nothing is called so.
         """
-        return self._driving.pose(name, self.time_us if time_us is None else time_us)
+        time_us = read_value("time_us", time_us, float | None)
+        return self._driving.pose(read_value("name", name, str), self.time_us if time_us is None else time_us)
 
     def set_light(self, name: str, radiance: tuple[float, float, float]) -> None:
         """Let lights shine with another radiance from the next frame on.
@@ -202,9 +205,12 @@ class Driver(ABC):
             InputError: nothing of that name shines in the scene, or the radiance cannot be.
         """
         self._check_open()
+        name = read_value("name", name, str)
         red, green, blue = read_value("radiance", radiance, tuple[float, float, float])
-        if min(red, green, blue) < 0:
-            raise InputError(f"`radiance` must not be negative, got {red:g}, {green:g}, {blue:g}")
+        if min(red, green, blue) < 0 or max(red, green, blue) > BRIGHTEST:
+            raise InputError(
+                f"`radiance` must not be negative, nor more than {BRIGHTEST:g}, got {red:g}, {green:g}, {blue:g}"
+            )
         # Until the first step, what is auto may yet become fixed.
         time = self._options.time if self._data is None else self._first.options.time
         if time not in ("auto", "fixed"):
@@ -284,6 +290,8 @@ class Driver(ABC):
             clsim.Error: the simulator is closed.
         """
         self._check_open()
+        if not isinstance(state, SimulatorState):
+            raise InputError(f"`state` must be what `snapshot` returns, got {state!r:.100}")
         if self._data is None or state.views != self._views:
             raise InputError("`state` is of another simulator, or of before a reset")
         for remembered in state.remembers:

@@ -75,7 +75,7 @@ class Driving:
         for driven in self._driven.values():
             driven.forget_before(time_us * 1e-6 - self._world.camera.shutter_s)
 
-    def pose(self, name: str, time_us: int) -> Matrix:
+    def pose(self, name: str, time_us: float) -> Matrix:
         """Return where something is; raises InputError where nothing is called so."""
         self._check(name)
         pose: Matrix = self._driven.get(name, self._motions[name]).pose(time_us * 1e-6).copy()

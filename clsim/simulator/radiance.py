@@ -14,15 +14,16 @@ from clsim.detector import Detector
 from clsim.errors import Error, InputError
 from clsim.events import EventBatch
 from clsim.frames import RADIANCE, Frame, page_aligned
-from clsim.live.sensors import read_sensor
+from clsim.live.sensors import RecordedSensor
 from clsim.opencl.device import choose_device
 from clsim.scene.light.spectral import spectral_weights
 from clsim.scene.world import Spectral
-from clsim.sensor import Specimen
 from clsim.sensor.settings import SensorSettings
-from clsim.values import read_value
+from clsim.values import from_plain, read_value
 
 _THRESHOLD = 0.2
+_LATEST_US = 1 << 62
+"""What is much later does not fit the times of events."""
 _ON_HOST = (1, 3)
 """DLPack's devices whose memory a CPU reads: its own, and what is pinned for CUDA."""
 
@@ -70,7 +71,8 @@ class RadianceCamera:
         self.width, self.height = read_value("width", width, int), read_value("height", height, int)
         if min(self.width, self.height) < 1:
             raise InputError(f"`width` and `height` must be at least 1, got {width} and {height}")
-        settings = read_value("sensor", read_sensor(sensor), SensorSettings | None)
+        told = from_plain(RecordedSensor, {"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit})
+        settings = told.sensor
         on, off = _thresholds(read_value("threshold", threshold, float | tuple[float, float] | None), settings)
         spectral: Spectral | None = None if settings is None else settings.optics.spectral
         config = DetectorConfig(
@@ -79,9 +81,8 @@ class RadianceCamera:
             mosaic=None if settings is None else settings.optics.mosaic,
         )  # fmt: skip
         # Its level is the logarithm of scaled luminance, which is 0 where luminance is 1 / scale.
-        lux = read_value("lux_per_unit", lux_per_unit, float) / config.scale
-        specimen = None if settings is None else Specimen(settings, read_value("seed", seed, int), lux)
-        device = choose_device(opencl)
+        specimen = told.specimen(config.scale)
+        device = choose_device(read_value("opencl", opencl, str | None))
         self._detector = Detector(config, self.width, self.height, RADIANCE, device=device, specimen=specimen)
         self._own = page_aligned((len(RADIANCE), self.height, self.width))
         self._closed = False
@@ -104,6 +105,8 @@ class RadianceCamera:
         if self._closed:
             raise Error("the camera is closed")
         t_us = read_value("t_us", t_us, int)
+        if abs(t_us) > _LATEST_US:
+            raise InputError(f"`t_us` must be at most {_LATEST_US}, got {t_us}")
         if self.time_us is not None and t_us <= self.time_us:
             raise InputError(f"`t_us` must be after the picture before, at {self.time_us} µs, got {t_us}")
         planes = self._planes(on_host(radiance))

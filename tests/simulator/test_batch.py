@@ -87,6 +87,8 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
         clsim.batch("two-boxes", 0)
     with clsim.batch(scene(tmp_path), 1, **OPTIONS) as alone:
         assert len(alone) == 1
+    with clsim.batch(scene(tmp_path), 2, **OPTIONS | {"seed": np.uint8(255)}) as simulators:
+        assert [each._options.seed for each in simulators] == [255, 256], "not 0, as numpy's bytes go on"
     with clsim.batch(scene(tmp_path), 2, **OPTIONS) as simulators:
         simulators[0].set_pose("box", np.eye(4))
         simulators[0].step(0)

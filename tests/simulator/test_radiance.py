@@ -121,6 +121,26 @@ def test_what_is_no_picture_is_told(picture: object, message: str) -> None:
         pixels.push(picture, 0)
 
 
+@pytest.mark.parametrize("sensor", [None, "davis346"])
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("lux_per_unit", -1, "`lux_per_unit` must be a positive number, got -1"),
+        ("lux_per_unit", 0, "`lux_per_unit` must be a positive number, got 0"),
+        ("opencl", 5, "`opencl` must be a text, got 5"),
+        ("seed", -1, "`seed` must not be negative, got -1"),
+    ],
+)
+def test_numbers_that_no_sensor_has_are_told(sensor: str | None, name: str, value: int, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        camera(sensor=sensor, **{name: value})
+
+
+def test_a_time_that_no_event_can_have_is_told() -> None:
+    with camera() as pixels, pytest.raises(InputError, match=f"`t_us` must be at most {1 << 62}, got {1 << 63}"):
+        pixels.push(ramp(0.0), 1 << 63)
+
+
 def test_a_sensor_needs_a_size() -> None:
     with pytest.raises(InputError, match="`width` and `height` must be at least 1, got 0 and 3"):
         clsim.Simulator.from_radiance(0, 3)

@@ -99,8 +99,16 @@ def test_what_cannot_be_is_told() -> None:
         run.step(20_000)
         with pytest.raises(InputError, match="`until_us` must not be before the last frame, at 16667 µs, got 10000"):
             run.step(10_000)
+        for use, sentence in (
+            (lambda: run.pose("red box", float("nan")), "`time_us` must be a finite number, got nan"),
+            (lambda: run.pose(["red box"]), r"`name` must be a text, got \['red box'\]"),
+            (lambda: run.set_light("lamp", (1e39, 0.0, 0.0)), r"`radiance` must not be negative, nor more than 1e\+30"),
+            (lambda: run.restore(None), "`state` must be what `snapshot` returns, got None"),
+        ):
+            with pytest.raises(InputError, match=sentence):
+                use()
     run.close()
-    for use in (lambda: run.step(30_000), run.reset):
+    for use in (lambda: run.step(30_000), run.reset, lambda: run.set_camera(np.eye(4))):
         with pytest.raises(Error, match="the simulator is closed"):
             use()
 
