@@ -18,8 +18,9 @@ import numpy.typing as npt
 
 from clsim.datasets.job import sequence_folder
 from clsim.datasets.manifest import scan
-from clsim.errors import InputError
+from clsim.errors import Error, InputError
 from clsim.events import EventBatch, empty_batch
+from clsim.values import read_fields, read_value
 
 F32 = npt.NDArray[np.float32]
 
@@ -37,7 +38,7 @@ class Sequence:
         """Open a sequence's folder, or its ``events.h5``; raises InputError when it is none."""
         import h5py
 
-        path = Path(path)
+        path = Path(read_value("path", path, str))
         if not os.path.exists(path):
             raise InputError(f"{path}: no such file or folder; expected a sequence of a data set")
         path = path / "events.h5" if path.is_dir() else path
@@ -71,12 +72,17 @@ class Sequence:
         """
         from clsim.events.formats.tables.hdf5 import index_at
 
-        first = index_at(self._file, start_us)
-        last = len(self._t) if end_us is None else index_at(self._file, end_us)
+        self._check_open()
+        first = index_at(self._file, read_value("start_us", start_us, int))
+        last = len(self._t) if end_us is None else index_at(self._file, read_value("end_us", end_us, int))
         return self.events_at(first, last)
 
     def events_at(self, first: int, last: int) -> EventBatch:
-        """Return events by their numbers, ``last`` not among them."""
+        """Return events by their numbers, ``last`` not among them; raises InputError for one below 0."""
+        self._check_open()
+        first, last = read_value("first", first, int), read_value("last", last, int)
+        if min(first, last) < 0:  # which h5py counts from the end
+            raise InputError(f"`first` and `last` must be numbers of events from 0 on, got {first} and {last}")
         batch = empty_batch(max(0, min(last, len(self._t)) - first))
         for name, field in (("t", "t"), ("x", "x"), ("y", "y"), ("p", "on")):
             batch[field] = self._events[name][first : first + len(batch)]
@@ -89,6 +95,8 @@ class Sequence:
         Raises:
             InputError: the sequence has none of that name, or no such frame.
         """
+        self._check_open()
+        name, frame = read_value("name", name, str), read_value("frame", frame, int)
         if self._frames is None or name not in self._frames:
             held = sorted(self._frames) if self._frames is not None else []
             raise InputError(f"{self._file.filename}: has no truth {name!r}, but {', '.join(held) or 'none'}")
@@ -97,6 +105,10 @@ class Sequence:
             raise InputError(f"{self._file.filename}: has {count} frames of truth, got frame {frame}")
         plane: npt.NDArray[Any] = self._frames[name][frame]
         return plane
+
+    def _check_open(self) -> None:
+        if not self._file:
+            raise Error("the sequence is closed")
 
     def close(self) -> None:
         """Release the file."""
@@ -117,11 +129,14 @@ def voxel_grid(events: EventBatch, bins: int, height: int, width: int) -> F32:
     Zhu et al., "Unsupervised Event-Based Learning of Optical Flow, Depth, and Egomotion", CVPR 2019, equation 1; time
     goes from the first event to the last.
     """
+    if bins < 1:
+        raise InputError(f"`bins` must be at least 1, got {bins}")
     grid = np.zeros((bins, height, width), np.float32)
     if not len(events):
         return grid
     t = events["t"].astype(np.float64)
-    place = (bins - 1) * (t - t[0]) / max(t[-1] - t[0], 1.0)
+    first, last = t.min(), t.max()  # which need not be at the ends of what a program has put together
+    place = (bins - 1) * (t - first) / max(last - first, 1.0)
     low = np.floor(place).astype(np.int64)
     sign = np.where(events["on"], 1.0, -1.0)
     for bin_, share in ((low, 1 - (place - low)), (low + 1, place - low)):
@@ -160,12 +175,17 @@ class Slices:
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
+        read_fields(self)
         if self.by not in ("frames", "time", "count"):
             raise InputError(f"`by` must be frames, time or count, got {self.by!r}")
         if (self.by == "frames") != (self.step == 0) or self.step < 0:
             raise InputError(f"`step` must be above 0 for slices by time or count, and 0 by frames, got {self.step}")
         if self.truth and self.by != "frames":
             raise InputError("`truth` is for slices by frames")
+        if min(self.bins, self.shuffle_seed or 0) < 0:
+            raise InputError(f"`bins` and `shuffle_seed` must be 0 or more, got {self.bins} and {self.shuffle_seed}")
+        if not 0 <= self.worker < self.workers:
+            raise InputError(f"`worker` must be from 0 to below `workers`, got {self.worker} of {self.workers}")
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Yield the slices; raises InputError where there are no sequences."""

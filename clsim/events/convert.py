@@ -40,6 +40,7 @@ def from_numpy(events: npt.NDArray[Any]) -> EventBatch:
     Fields may be called t, ts or timestamp; x; y; p, on or polarity (as in tonic, faery, dv-processing, expelliarmus).
     Polarity is 1, and 0 or -1. Raises InputError for anything else.
     """
+    events = np.asarray(events)
     if events.dtype == EVENT_DTYPE and events.ndim == 1:
         return events
     if events.dtype.names is not None and events.ndim == 1:
@@ -54,7 +55,7 @@ def from_numpy(events: npt.NDArray[Any]) -> EventBatch:
 
 def to_tonic(batch: EventBatch) -> npt.NDArray[Any]:
     """Return the batch with tonic's names x, y, t, p, sharing its memory."""
-    return batch.view(_TONIC_DTYPE)
+    return from_numpy(batch).view(_TONIC_DTYPE)
 
 
 def to_pandas(batch: EventBatch) -> pandas.DataFrame:
@@ -88,8 +89,10 @@ def to_event_store(batch: EventBatch) -> dv_processing.EventStore:
     """Return a dv-processing EventStore; needs dv-processing.
 
     It takes no arrays, only single events, so the batch goes through an uncompressed AEDAT4 file in shared memory.
-    Raises InputError for coordinates beyond 32766: faery writes sensors of less than 32768 pixels a side.
+    Raises InputError for coordinates beyond 32766: faery writes sensors of less than 32768 pixels a side; and for
+    events that are not sorted by time.
     """
+    batch = from_numpy(batch)
     library = _need("dv_processing", "dv-processing")
     import faery
 
@@ -99,6 +102,8 @@ def to_event_store(batch: EventBatch) -> dv_processing.EventStore:
     width, height = int(batch["x"].max()) + 1, int(batch["y"].max()) + 1
     if max(width, height) >= 2**15:
         raise InputError(f"an event at {width - 1}, {height - 1} does not fit dv-processing, whose files end at 32766")
+    if (np.diff(batch["t"]) < 0).any():
+        raise InputError("events are not sorted by time, as dv-processing wants them; sort them by their field t")
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         path = Path(folder) / "events.aedat4"

@@ -12,8 +12,12 @@ F32 = npt.NDArray[np.float32]
 
 
 def histogram(events: EventBatch, width: int, height: int) -> F32:
-    """Return how many OFF and ON events each pixel has, float32 ``[2, H, W]``."""
-    pixels = events["on"].astype(np.int64) * (height * width) + _pixels(events, width)
+    """Return how many OFF and ON events each pixel has, float32 ``[2, H, W]``.
+
+    Raises:
+        InputError: an event lies outside.
+    """
+    pixels = events["on"].astype(np.int64) * (height * width) + _pixels(events, width, height)
     return np.bincount(pixels, minlength=2 * height * width).reshape(2, height, width).astype(np.float32)
 
 
@@ -25,9 +29,9 @@ def voxel_grid(events: EventBatch, width: int, height: int, bins: int, start_us:
     Event-based Learning of Optical Flow, Depth, and Egomotion", CVPR 2019.
 
     Raises:
-        InputError: there is no bin, or the end is not after the start.
+        InputError: there is no bin, the end is not after the start, or an event lies outside.
     """
-    if bins < 1 or end_us <= start_us:
+    if bins < 1 or not end_us > start_us:
         raise InputError(
             f"expected at least 1 bin and an end after the start, got {bins} from {start_us} to {end_us} µs"
         )
@@ -35,7 +39,7 @@ def voxel_grid(events: EventBatch, width: int, height: int, bins: int, start_us:
     first = np.clip(place.astype(np.int64), 0, max(bins - 2, 0))
     share = np.clip(place - first, 0.0, 1.0)
     sign = np.where(events["on"], 1.0, -1.0)
-    pixels = _pixels(events, width)
+    pixels = _pixels(events, width, height)
     size = height * width
     grid = np.bincount(first * size + pixels, sign * (1.0 - share), bins * size)
     if bins > 1:
@@ -43,6 +47,10 @@ def voxel_grid(events: EventBatch, width: int, height: int, bins: int, start_us:
     return grid.reshape(bins, height, width).astype(np.float32)
 
 
-def _pixels(events: EventBatch, width: int) -> npt.NDArray[np.int64]:
+def _pixels(events: EventBatch, width: int, height: int) -> npt.NDArray[np.int64]:
+    outside = (events["x"] >= width) | (events["y"] >= height)
+    if outside.any():  # else it would count for a pixel of another row
+        first = events[outside.argmax()]
+        raise InputError(f"an event at x={first['x']}, y={first['y']} lies outside {width} × {height} pixels")
     pixels: npt.NDArray[np.int64] = events["y"].astype(np.int64) * width + events["x"]
     return pixels

@@ -41,6 +41,7 @@ def open_events(
             contents are damaged.
     """
     name = read_value("path_or_url", path_or_url, str)
+    labels = read_value("labels", labels, tuple[str, ...])
     if is_address(name):
         from clsim.events.sockets.sources import open_socket_source
 

@@ -31,7 +31,7 @@ class Sampling:
         for name in ("width", "height", "fps"):
             value = getattr(self, name)
             if not 0 < value < float("inf"):
-                raise InputError(f"--{name} must be a positive number, got {value}")
+                raise InputError(f"`{name}` must be a positive number, got {value}")
 
     def frames(self, events: EventBatch) -> npt.NDArray[np.int64]:
         """Return the frame ⌈t·fps⌉ of each event: k for t in (t_{k−1}, t_k], with t_k rounded to whole µs."""

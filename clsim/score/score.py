@@ -109,7 +109,7 @@ def score(
     if not 0 < tau < float("inf"):
         raise InputError(f"tau must be a positive number, got {tau}")
     for window in within_us:
-        if window < 1:
+        if not window >= 1:
             raise InputError(f"`within_us` must be at least 1 µs, got {window}")
     sampling.check(events, "the event set")
     sampling.check(reference, "the reference")

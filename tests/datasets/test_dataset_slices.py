@@ -14,7 +14,7 @@ from clsim.datasets.job import Done, read_done, sequence_folder
 from clsim.datasets.load import Sequence, Slices, voxel_grid
 from clsim.datasets.manifest import read_manifest, scan, write_manifest
 from clsim.datasets.shards import write_shards
-from clsim.errors import InputError
+from clsim.errors import Error, InputError
 from clsim.events import EVENT_DTYPE
 from clsim.events.files import open_sink, open_source
 
@@ -310,14 +310,57 @@ def test_a_voxel_grid_keeps_every_event():
     assert (grid[1, 2, 3], grid[2, 2, 3]) == (-0.75, -0.25)
     assert (grid[0, 0, 0], grid[4, 1, 1]) == (1.0, 1.0)
     assert not voxel_grid(few[:0], 2, _H, _W).any()
+    np.testing.assert_allclose(voxel_grid(events[::-1], 5, _H, _W), voxel_grid(events, 5, _H, _W), atol=1e-4)
 
 
 @pytest.mark.parametrize(
-    "options", [{"by": "x"}, {"by": "time"}, {"step": 5}, {"by": "count", "step": 5, "truth": ("depth",)}]
+    "options",
+    [
+        {"by": "x"},
+        {"by": "time"},
+        {"step": 5},
+        {"by": "count", "step": 5, "truth": ("depth",)},
+        {"by": "time", "step": 0.5},
+        {"bins": -1},
+        {"bins": 2.5},
+        {"shuffle_seed": -1},
+        {"split": None},
+        {"worker": -1},
+        {"worker": 2, "workers": 2},
+        {"workers": 0},
+        {"folder": None},
+    ],
+    ids=str,
 )
 def test_slices_that_cannot_be(tmp_path, options):
-    with pytest.raises(InputError):
-        Slices(tmp_path, **options)
+    with pytest.raises(InputError, match="`"):
+        Slices(**{"folder": tmp_path} | options)
+
+
+def test_one_name_of_truth_needs_no_brackets(folder):
+    one, listed = (next(iter(Slices(folder, truth=truth))) for truth in ("depth", ["depth"]))
+    assert np.array_equal(one["depth"], listed["depth"])
+
+
+def test_what_a_sequence_cannot_tell_is_told(folder):
+    with Sequence(sequence_folder(folder, 0)) as sequence:
+        for ask, sentence in (
+            (
+                lambda: sequence.events_at(-10, -5),
+                "`first` and `last` must be numbers of events from 0 on, got -10 and",
+            ),
+            (lambda: sequence.events_at(0, -5), "`first` and `last` must be numbers of events from 0 on, got 0 and -5"),
+            (lambda: sequence.events(0.5), "`start_us` must be a whole number, got 0.5"),
+            (lambda: sequence.events(0, float("nan")), "`end_us` must be a whole number, got nan"),
+            (lambda: sequence.truth("depth", 1.5), "`frame` must be a whole number, got 1.5"),
+            (lambda: voxel_grid(sequence.events(), 0, _H, _W), "`bins` must be at least 1, got 0"),
+        ):
+            with pytest.raises(InputError, match=sentence):
+                ask()
+        assert len(sequence.events(np.int64(0), np.uint16(40_000))) == 497
+    for ask in (sequence.events, lambda: sequence.events_at(0, 1), lambda: sequence.truth("depth", 0)):
+        with pytest.raises(Error, match="the sequence is closed"):
+            ask()
 
 
 def test_shards_do_not_hang_on_how_long_sequences_took(folder):

@@ -60,6 +60,25 @@ def test_tonic_shares_memory():
     assert np.array_equal(from_numpy(view), EVENTS)
 
 
+def test_events_of_another_layout_are_converted_and_not_taken_for_ours():
+    """Both have 13 bytes an event, so that numpy would take one for the other."""
+    theirs = np.empty(len(EVENTS), [("x", "u2"), ("y", "u2"), ("t", "i8"), ("p", "?")])
+    for name, ours in {"x": "x", "y": "y", "t": "t", "p": "on"}.items():
+        theirs[name] = EVENTS[ours]
+    for view in (to_tonic(theirs), to_tonic(to_tonic(EVENTS))):
+        assert all(np.array_equal(view[name], theirs[name]) for name in theirs.dtype.names)
+    assert np.array_equal(from_event_store(to_event_store(theirs)), EVENTS)
+
+
+def test_lists_of_rows_are_events():
+    assert from_numpy([[5, 2, 3, 1], [7, 0, 1, -1]]).tolist() == [(5, 2, 3, True), (7, 0, 1, False)]
+
+
+def test_an_event_store_needs_events_in_order_of_time():
+    with pytest.raises(InputError, match="events are not sorted by time"):
+        to_event_store(EVENTS[::-1])
+
+
 def test_pandas_there_and_back():
     pandas = pytest.importorskip("pandas", reason="pandas is not installed")
     frame = to_pandas(EVENTS)

@@ -40,6 +40,20 @@ def test_what_is_no_grid_is_told() -> None:
             voxel_grid(some(0, 3), WIDTH, HEIGHT, bins, 0, end_us)
 
 
+def test_an_event_outside_the_picture_counts_for_no_pixel_of_it() -> None:
+    """Where width and height change places, its number is that of a pixel in another row."""
+    events = some(0, 40)
+    for grid in (
+        lambda: histogram(events, HEIGHT, WIDTH),
+        lambda: voxel_grid(events, HEIGHT, WIDTH, 3, 100, 1_100),
+        lambda: histogram(events, WIDTH, HEIGHT - 1),
+    ):
+        with pytest.raises(InputError, match=r"an event at x=\d, y=\d lies outside \d × \d pixels"):
+            grid()
+    with pytest.raises(InputError, match="an end after the start"):
+        voxel_grid(events, WIDTH, HEIGHT, 3, 100, float("nan"))  # type: ignore[arg-type]
+
+
 def test_events_outside_the_time_count_once_at_the_nearest_end() -> None:
     events = np.zeros(4, EVENT_DTYPE)
     events["t"], events["x"], events["on"] = (0, 90, 2_000, 10**9), range(4), True

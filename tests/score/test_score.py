@@ -147,10 +147,12 @@ def test_wrong_input_is_named():
         score(batch(), events, W, H, FPS)
     with pytest.raises(InputError, match="the event set has an event at x=100, y=3, outside the image of 100×50"):
         score(batch((1, 99, 49, True), (1, W, 3, True)), batch(), W, H, FPS)
-    with pytest.raises(InputError, match="fps must be a positive number, got 0"):
+    with pytest.raises(InputError, match="`fps` must be a positive number, got 0"):
         score(events, events, W, 100, 0)
-    with pytest.raises(InputError, match="width must be"):
+    with pytest.raises(InputError, match="`width` must be"):
         score(events, events, -1, 100, FPS)
+    with pytest.raises(InputError, match="`within_us` must be at least 1 µs, got nan"):
+        score(events, events, W, 100, FPS, within_us=[float("nan")])
     with pytest.raises(InputError, match="tau must be"):
         score(events, events, W, 100, FPS, tau=0)
 
