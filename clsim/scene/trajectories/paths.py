@@ -6,6 +6,7 @@ import csv
 import math
 import zipfile
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,8 @@ from clsim.scene.world import World
 from clsim.values import read_text
 
 ENDINGS = (".txt", ".tum", ".csv", ".npz", ".glb", ".gltf", *USD_ENDINGS)
-_UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_NS = Decimal("1e-9")
+_UNITS_S = {"s": Decimal(1), "sec": Decimal(1), "ms": Decimal("1e-3"), "us": Decimal("1e-6"), "ns": _NS}
 _TIMES = ("t", "time", "timestamp")
 _PLACE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _ALIKE = {f"{prefix}{axis}": axis for prefix in ("p", "t", "p_", "t_", "p_rs_r_") for axis in "xyz"} | {
@@ -81,7 +83,7 @@ def _read_csv(path: Path) -> list[Timed]:
     lines = [(number, row) for number, row in enumerate(_rows(path), 1) if row]
     rows = [(number, row) for number, row in lines if not row[0].lstrip().startswith("#")]
     columns: tuple[str, ...] = ("t", *_PLACE)
-    unit_s = 1e-9
+    unit_s: Decimal | None = None
     if rows and not _is_number(rows[0][1][0]):
         number, header = rows.pop(0)
         columns, unit_s = _header(f"{path}:{number}", header)
@@ -92,9 +94,22 @@ def _read_csv(path: Path) -> list[Timed]:
         place = f"{path}:{number}"
         if len(row) != len(columns) or not all(map(_is_number, row)):
             raise InputError(f"{place}: got {','.join(row)[:60]!r}, expected {len(columns)} finite numbers")
-        named = dict(zip(columns, map(float, row), strict=True))
-        poses.append((place, named["t"] * unit_s, [named[name] for name in _PLACE]))
+        named = dict(zip(columns, row, strict=True))
+        poses.append((place, Decimal(named["t"]) * (unit_s or _NS), [float(named[name]) for name in _PLACE]))
+    if unit_s is None:
+        _check_ns(poses)
     return poses
+
+
+def _check_ns(poses: list[Timed]) -> None:
+    """Raise InputError where times without a unit can be no ns, which they are in ESIM's files."""
+    short = 0 < poses[-1][1] - poses[0][1] < 1000 * _NS if poses else False
+    for place, time_s, _ in poses[-1:] if short else poses:
+        if short or time_s % _NS:
+            raise InputError(
+                f"{place}: time {float(time_s / _NS):.9g} has no unit, and is none in ns; expected a header such as "
+                "time_s,x,y,z,qx,qy,qz,qw"
+            )
 
 
 def _rows(path: Path) -> list[list[str]]:
@@ -104,7 +119,7 @@ def _rows(path: Path) -> list[list[str]]:
         raise InputError(f"{path}: is not CSV ({error})") from None
 
 
-def _header(place: str, header: list[str]) -> tuple[tuple[str, ...], float]:
+def _header(place: str, header: list[str]) -> tuple[tuple[str, ...], Decimal]:
     """Return the columns by our names, and the unit of time [s]."""
     columns, units = _named(header)
     missing = [name for name in ("t", *_PLACE) if columns.count(name) != 1]
@@ -116,18 +131,19 @@ def _header(place: str, header: list[str]) -> tuple[tuple[str, ...], float]:
     return tuple(columns), units[0]
 
 
-def _commented(header: list[str]) -> tuple[tuple[str, ...], float] | None:
-    """Return what `_header` does of a comment, in which a time without a unit is ESIM's; None where it names none.
+def _commented(header: list[str]) -> tuple[tuple[str, ...], Decimal | None] | None:
+    """Return what `_header` does of a comment, in which a time may have no unit; None where it names none.
 
     EuRoC's files have w before x, y and z, and tell it in such a comment alone.
     """
     columns, units = _named([header[0].lstrip("# "), *header[1:]])
     if not units:
-        columns, units = [("t" if name in _TIMES else name) for name in columns], [1e-9]
-    return (tuple(columns), units[0]) if all(columns.count(name) == 1 for name in ("t", *_PLACE)) else None
+        columns = [("t" if name in _TIMES else name) for name in columns]
+    whole = all(columns.count(name) == 1 for name in ("t", *_PLACE))
+    return (tuple(columns), units[0] if units else None) if whole else None
 
 
-def _named(header: list[str]) -> tuple[list[str], list[float]]:
+def _named(header: list[str]) -> tuple[list[str], list[Decimal]]:
     """Return columns by our names, and the units of times among them [s]."""
     columns, units = [], []
     for cell in header:
@@ -139,7 +155,7 @@ def _named(header: list[str]) -> tuple[list[str], list[float]]:
     return columns, units
 
 
-def _unit_s(name: str) -> float | None:
+def _unit_s(name: str) -> Decimal | None:
     """Return the unit of a column of times [s]; None where it is none, or has no unit in its name."""
     stem, _, unit = name.strip().rstrip("]").replace(" [", "_").replace("[", "_").rpartition("_")
     return _UNITS_S.get(unit) if stem in _TIMES else None
@@ -160,10 +176,11 @@ def _read_npz(path: Path) -> list[Timed]:
             f"{path}: holds {', '.join(arrays) or 'nothing'}, expected one array of times with its unit, such as time_s"
         )
     (name, unit_s), places = times[0], _places(path, arrays)
-    times_s = np.asarray(arrays[name], np.float64) * unit_s
-    if times_s.shape != (len(places),) or not np.isfinite(times_s).all():
-        raise InputError(f"{path}: {name} has shape {times_s.shape}, expected {len(places)} finite numbers")
-    return [(f"{path}: pose {k}", float(times_s[k]), places[k].tolist()) for k in range(len(places))]
+    times = arrays[name]
+    if times.shape != (len(places),) or not np.isfinite(times).all():
+        raise InputError(f"{path}: {name} has shape {times.shape}, expected {len(places)} finite numbers")
+    told = [Decimal(time) * unit_s for time in times.tolist()]
+    return [(f"{path}: pose {k}", told[k], places[k].tolist()) for k in range(len(places))]
 
 
 def _arrays(path: Path) -> dict[str, Any]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from dataclasses import dataclass, field
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,8 +22,11 @@ _LATEST_S = 1e11
 _W_FIRST = re.compile(r"\bq_?w\b[\s,]+q_?x\b[\s,]+q_?y\b[\s,]+q_?z\b")
 Interpolation = Literal["linear", "cubic"]
 Axes = Literal["opencv", "opengl"]
-Timed = tuple[str, float, list[float]]
-"""Where a file tells a pose, its time [s], and position and quaternion x, y, z, w."""
+Timed = tuple[str, Decimal, list[float]]
+"""Where a file tells a pose, its time [s], and position and quaternion x, y, z, w.
+
+Float64 has a quarter of a microsecond since 1970: a camera that goes evenly would tremble.
+"""
 
 
 @dataclass(frozen=True)
@@ -44,13 +49,13 @@ class CubicKeyframes:
     def __post_init__(self) -> None:
         """Fit the splines."""
         from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation, RotationSpline
+        from scipy.spatial.transform import Rotation
 
         place = CubicSpline(self.times_s, self.positions, bc_type="natural")
         if self.targets is not None:
             turn = CubicSpline(self.times_s, self.targets, bc_type="natural")
         elif self.rotations is not None:
-            turn = RotationSpline(self.times_s, Rotation.from_quat(self.rotations))
+            turn = _spline_of_turns(self.times_s, Rotation.from_quat(self.rotations))
         else:
             raise ValueError("cubic keyframes need rotations or targets")
         object.__setattr__(self, "_splines", (place, turn))
@@ -71,6 +76,25 @@ class CubicKeyframes:
         if np.linalg.norm(position - target) < 1e-9:
             raise InputError(f"the spline meets its look_at at {clipped:g} s, expected a path that keeps away from it")
         return look_at(position, target)
+
+
+def _spline_of_turns(times_s: tuple[float, ...], rotations: Any) -> Any:
+    """Return SciPy's spline; raises InputError where it has none: it is found step by step, and may run away."""
+    from scipy.spatial.transform import RotationSpline
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of numbers that overflow on the way
+            spline = RotationSpline(times_s, rotations)
+        if all(np.isfinite(part).all() for part in spline.interpolator.c):
+            return spline
+    except ValueError:  # of a step that was not finite any more
+        pass
+    largest = float(np.degrees((rotations[:-1].inv() * rotations[1:]).magnitude().max()))
+    raise InputError(
+        f"keyframes turn by up to {largest:.0f}° from one to the next, through which there is no spline; expected them "
+        "closer together, or linear interpolation"
+    )
 
 
 def through(
@@ -127,10 +151,10 @@ def joined(path: Path, poses: list[Timed], axes: Axes, interpolation: Interpolat
     rotations: list[Quaternion] = []
     for place, time_s, (x, y, z, *quaternion) in poses:
         if time_s > _LATEST_S:
-            raise InputError(f"{place}: time {time_s:.9g} is no time in seconds (nanoseconds?)")
-        since_s = time_s - poses[0][1]
+            raise InputError(f"{place}: time {float(time_s):.9g} is no time in seconds (nanoseconds?)")
+        since_s = float(time_s - poses[0][1])
         if times and not since_s > times[-1]:
-            raise InputError(f"{place}: time {time_s:.9g} s does not come after the one before")
+            raise InputError(f"{place}: time {float(time_s):.9g} s does not come after the one before")
         length = math.hypot(*quaternion)
         if abs(length - 1) > 0.01:
             raise InputError(f"{place}: its quaternion has length {length:g}, expected 1")
@@ -155,7 +179,7 @@ def _line(place: str, words: list[str]) -> Timed:
         raise InputError(f"{place}: got {' '.join(words)[:60]!r}, expected 8 numbers t tx ty tz qx qy qz qw{hint}")
     if not all(map(math.isfinite, (time_s, *pose))):
         raise InputError(f"{place}: has a number that is not finite")
-    return place, time_s, pose
+    return place, Decimal(words[0]), pose
 
 
 def turned(rotation: Quaternion) -> Quaternion:

@@ -86,6 +86,9 @@ def test_every_format_tells_the_same_path(tmp_path: Path, name: str) -> None:
         ("a.csv", "0,0,0,0,0,0,0,nan\n", "expected 8 finite numbers"),
         ("a.csv", "0,0,0,0,0,0,0,2\n", "its quaternion has length 2, expected 1"),
         ("a.csv", "5,0,0,0,0,0,0,1\n5,0,0,0,0,0,0,1\n", r"a.csv:2: time 5e-09 s does not come after"),
+        ("a.csv", "0,0,0,0,0,0,0,1\n0.5,0,0,0,0,0,0,1\n", r"a.csv:2: time 0.5 has no unit, and is none in ns"),
+        ("a.csv", "0,0,0,0,0,0,0,1\n9,0,0,0,0,0,0,1\n", r"a.csv:2: time 9 has no unit, and is none in ns.* time_s,x,y"),
+        ("a.csv", "#time,x,y,z,qx,qy,qz,qw\n.5,0,0,0,0,0,0,1\n", r"a.csv:2: time 0.5 has no unit"),
         ("a.csv", "", "a.csv: has no poses"),
         ("a.npz", "no", "a.npz: is no npz of arrays"),
         ("a.mov", "", r"a.mov: ends in .mov, expected a camera path: .txt"),
@@ -97,6 +100,34 @@ def test_what_is_no_path_is_told(tmp_path: Path, name: str, text: str, message: 
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_path(path)
+
+
+@pytest.mark.parametrize("kind", ["a.csv", "a.npz", "a.txt"])
+def test_times_since_1970_keep_their_nanoseconds(tmp_path: Path, kind: str) -> None:
+    """Float64 would be off by up to 120 ns, and the acceleration of what goes evenly by centimetres per second²."""
+    times_ns = 1_403_636_579_763_555_584 + 5_000_000 * np.arange(8)
+    places = [[k * 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] for k in range(8)]
+    path = tmp_path / kind
+    if kind == "a.npz":
+        np.savez(path, t_ns=times_ns, positions=np.array(places)[:, :3], quaternions=np.array(places)[:, 3:])
+    else:
+        seconds = [f"{t // 10**9}.{t % 10**9:09}" for t in times_ns.tolist()]
+        told, gap = (seconds, " ") if kind == "a.txt" else (map(str, times_ns), ",")
+        path.write_text("".join(gap.join([t, *map(str, place)]) + "\n" for t, place in zip(told, places, strict=True)))
+    motion = read_path(path)
+    assert motion.times_s == tuple(k * 5_000_000 / 1e9 for k in range(8))
+
+
+def test_a_spline_of_turns_that_runs_away_is_told(tmp_path: Path) -> None:
+    """SciPy finds it step by step, and after some turns by almost 180° with numbers that are none."""
+    rng = np.random.default_rng(0)
+    times_s, turns = np.cumsum(rng.uniform(1e-3, 1.0, 12)), rng.standard_normal((12, 4))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    path = tmp_path / "a.txt"
+    path.write_text(lines(np.column_stack([times_s, np.zeros((12, 3)), turns]), " "))
+    read_path(path)
+    with pytest.raises(InputError, match=r"keyframes turn by up to 1\d\d° from one to the next"):
+        read_path(path, interpolation="cubic")
 
 
 @pytest.mark.parametrize(
