@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import UserDict
 from collections.abc import Callable
+from numbers import Integral
 from typing import Any, Literal, SupportsFloat
 
 import numpy as np
@@ -100,7 +101,10 @@ class EventObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _observed(self, state: Any, info: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         start_us = self.simulator.time_us
-        events = self.simulator.step(self._follow(self.simulator))
+        at_us = self._follow(self.simulator)
+        if isinstance(at_us, bool) or not isinstance(at_us, Integral):
+            raise InputError(f"`follow` must return a time as a whole number of µs, got {at_us!r}")
+        events = self.simulator.step(int(at_us))
         # Not a plain dictionary: vector environments would put those of all into one array, as if of one length.
         columns = Columns({name: np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")})
         return {"state": state, "events": self._array(events, start_us)}, info | {"events": columns}

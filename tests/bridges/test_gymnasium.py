@@ -141,6 +141,13 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
             wrapped(run, form="image")
 
 
+@pytest.mark.parametrize("told", [None, 0.01, True])
+def test_who_follows_and_tells_no_time_is_told(told: Any) -> None:
+    env = EventObservation(Slide(), Noise(), lambda simulator: told)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=f"`follow` must return a time as a whole number of µs, got {told}"):
+        env.reset()
+
+
 @pytest.mark.slow
 def test_a_vector_of_environments_shares_one_scene(tmp_path: Path) -> None:
     def rounds(envs: Any) -> list[bytes]:
