@@ -101,7 +101,7 @@ class EventObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def _observed(self, state: Any, info: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         start_us = self.simulator.time_us
-        at_us = self._follow(self.simulator)
+        at_us: Any = self._follow(self.simulator)
         if isinstance(at_us, bool) or not isinstance(at_us, Integral):
             raise InputError(f"`follow` must return a time as a whole number of µs, got {at_us!r}")
         events = self.simulator.step(int(at_us))
