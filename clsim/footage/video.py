@@ -19,6 +19,8 @@ from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray, page_aligned
 
 _PICTURE_CODECS = ("gif", "apng", "png", "webp", "bmp", "targa")
+_TEXT_CODECS = ("ansi", "bintext", "idf", "xbin")
+"""Those that draw letters: libav shows any text, and so a recording of events in text, as a film of its characters."""
 _UNTOLD = (0, 2, 3)
 _COVER = 1 << 10
 """libav's mark of a stream that is a cover."""
@@ -185,6 +187,9 @@ def open_media(where: str) -> Any:
     if getattr(container.streams.video[0], "codec_context", None) is None:
         container.close()
         raise InputError(f"{where}: cannot be decoded (its codec is not known)")
+    if container.streams.video[0].codec_context.name in _TEXT_CODECS:
+        container.close()
+        raise InputError(f"{where}: holds text, expected a video")
     container.streams.video[0].thread_type = "AUTO"
     return container
 

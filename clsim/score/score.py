@@ -107,7 +107,7 @@ def score(
     """
     sampling = Sampling(width, height, fps)
     if not 0 < tau < float("inf"):
-        raise InputError(f"tau must be a positive number, got {tau}")
+        raise InputError(f"`tau` must be a positive number, got {tau}")
     for window in within_us:
         if not window >= 1:
             raise InputError(f"`within_us` must be at least 1 µs, got {window}")

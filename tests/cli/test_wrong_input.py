@@ -136,6 +136,9 @@ def files(tmp_path: Path) -> Path:
             for option in ("fps", "duration", "frame-count")
         ),
         (["score", "{}/a.aedat4", "{}/b.aedat4", "--resolution", "4x4", "--fps", "60"], "a.aedat4"),
+        (["score", "{}/a.txt", "{}/a.txt", "--fps", "0", "--resolution", "99x99"], "--fps must be a positive number"),
+        (["score", "{}/a.txt", "{}/a.txt", "--tau", "nan"], "--tau must be a positive number, got nan"),
+        (["detect", "{}/a.txt", "--out", "{}/x.txt"], "a.txt: holds text, expected a video"),
         (["info", "nothing"], "no scene 'nothing'"),
     ],
     ids=lambda value: " ".join(value)[:60] if isinstance(value, list) else "",

@@ -130,6 +130,10 @@ def test_files_that_are_no_video(tmp_path):
         Video(text)
     with pytest.raises(InputError, match="no such file"):
         Video(tmp_path / "b.mp4")
+    for name in ("a.txt", "a.nfo"):  # libav would draw the letters
+        (tmp_path / name).write_text("7474 23 16 1\n" * 50)
+        with pytest.raises(InputError, match=rf"{name}: holds text, expected a video"):
+            Video(tmp_path / name)
     clip = [np.random.default_rng(k).integers(0, 65535, (HEIGHT, WIDTH)).astype(np.uint16) for k in range(30)]
     whole = write_clip(tmp_path / "c.mkv", clip, list(range(0, 300, 10)), pixels="gray16le").read_bytes()
     rng = np.random.default_rng(3)

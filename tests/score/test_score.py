@@ -153,7 +153,7 @@ def test_wrong_input_is_named():
         score(events, events, -1, 100, FPS)
     with pytest.raises(InputError, match="`within_us` must be at least 1 µs, got nan"):
         score(events, events, W, 100, FPS, within_us=[float("nan")])
-    with pytest.raises(InputError, match="tau must be"):
+    with pytest.raises(InputError, match="`tau` must be a positive number, got 0"):
         score(events, events, W, 100, FPS, tau=0)
 
 

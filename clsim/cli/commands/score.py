@@ -53,6 +53,7 @@ def score(
     told = {events: found_told, reference: truth_told}
     columns, rows = _agreed("--resolution", None if resolution is None else parse.resolution(resolution), told)
     rate: float = _agreed("--fps", fps, told)
+    Sampling(columns, rows, rate)  # refuses what is not positive
     _tell_ends({path: each["ends_s"] for path, each in told.items() if "ends_s" in each}, 1.0 / rate)
     _tell_apart({events: found, reference: truth}, 1e6 / rate)
     result = score_events(found, truth, columns, rows, rate, tau, parse.windows_us(within, "--within"))
