@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clsim.cli.options import parse
-from clsim.cli.options.config import read_config, suited
+from clsim.cli.options.config import config_detector, read_config, suited
 from clsim.cli.options.detector import (
     BANDWIDTH,
     BANDWIDTH_H,
@@ -200,7 +200,9 @@ def _repeat(config: Path, given: Mapping[str, Any]) -> Session:
             seen_by = replace(recording.seen_by, **eye)
             detector = replace(recording.config, **chosen)
             return open_recording(replace(recording, **run, config=detector, seen_by=seen_by))
-        found = json.loads(config.read_text(encoding="utf-8-sig")).get("detector", {})
+        found = plain.pop("detector", None) or config_detector(config)
+        if not isinstance(found, dict):
+            raise InputError(f"--config {config}: detector must be options by name, got {found!r}")
         if given["like"] is not None:  # whose settings the others are
             found = {name: value for name, value in found.items() if name not in CONVENTIONAL}
             plain.pop("transfer", None)

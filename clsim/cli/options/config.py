@@ -17,6 +17,8 @@ from clsim.values import read_value
 if TYPE_CHECKING:
     from clsim.live.options import LiveOptions
 
+_FILES = ("scene", "camera_path", "sensor", "imu_noise", "times")
+"""Options that may name a file."""
 _LENGTHS = ("duration_s", "frame_count")
 """Two ways to say one thing: who gives one means it instead of the other."""
 
@@ -38,7 +40,21 @@ def read_config(path: Path) -> dict[str, Any]:
     if isinstance(scene, str) and isinstance(moved, str) and not _is_scene_file(scene):
         beside = str(path.resolve().parent / moved)  # the sidecar and its scene may have moved together
         return options | {"scene": beside if _is_scene_file(beside) else scene}
-    return dict(options)
+    return dict(options) | {name: _beside(path, options[name]) for name in _FILES if name in options}
+
+
+def _beside(config: Path, name: Any) -> Any:
+    """Return a file's name; if there is none from here, but one from the folder of the file that tells it, that one."""
+    if not isinstance(name, str) or not name:
+        return name
+    file, mark, part = name.partition("#")
+    there = config.parent / file
+    return f"{there}{mark}{part}" if there.exists() and not Path(file).exists() and Path(file).suffix else name
+
+
+def config_detector(path: Path) -> Any:
+    """Return the options of detection that stand beside those of a run, as in a sidecar; none in TOML."""
+    return {} if path.suffix == ".toml" else json.loads(path.read_text(encoding="utf-8-sig")).get("detector", {})
 
 
 def config_times_us(path: Path) -> list[int] | None:

@@ -34,6 +34,24 @@ def test_a_video_becomes_events(clsim, clip, tmp_path):
         np.testing.assert_array_equal(events.read(), gather(events_from(str(clip))))
 
 
+def test_a_video_is_detected_by_a_file_that_is_written_by_hand(clsim, clip, tmp_path):
+    """In TOML, or in JSON; there a sidecar has the detector's options beside those of the run."""
+    toml, plain, wrong = tmp_path / "run.toml", tmp_path / "run.json", tmp_path / "wrong.toml"
+    toml.write_text(f'frames = "{clip}"\n[detector]\nthreshold_on = 0.5\n')
+    plain.write_text(json.dumps({"frames": str(clip), "detector": {"threshold_on": 0.5}}))
+    wrong.write_text(f'frames = "{clip}"\ndetector = 5\n')
+    expected = gather(events_from(clip, threshold_on=0.5))
+    for config in (toml, plain):
+        out = tmp_path / f"{config.name}.csv"
+        outcome = clsim("detect", "--config", config, "--out", out)
+        assert outcome.status == 0, outcome.stderr
+        with open_source(out) as events:
+            np.testing.assert_array_equal(events.read(), expected)
+    outcome = clsim("detect", "--config", wrong, "--out", tmp_path / "x.csv")
+    assert outcome.status == 2
+    assert outcome.stderr == f"clsim: --config {wrong}: detector must be options by name, got 5\n"
+
+
 def test_a_slow_video_is_not_warned_about(clsim, tmp_path):
     frames = [np.round(encode(grating(k / 200), "bt709") * 65535).astype(np.uint16) for k in range(5)]
     clip = write_clip(tmp_path / "clip.mkv", frames, [5 * k for k in range(5)], pixels="gray16le", trc=1)
