@@ -109,6 +109,7 @@ def test_files_are_written_alike_twice_and_have_sidecars(tmp_path: Path) -> None
     [
         ((), signal.SIGINT),
         pytest.param((), signal.SIGTERM, id="terminated"),
+        pytest.param((), signal.SIGHUP, marks=pytest.mark.slow, id="terminal closed"),
         pytest.param(("--frames",), signal.SIGINT, marks=pytest.mark.slow, id="frames"),
     ],
 )
