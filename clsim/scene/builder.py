@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import types
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from functools import cache
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.driven import CAMERA, matrix_of, read_place
@@ -28,10 +31,14 @@ from clsim.scene.world import (
     Vec3,
     World,
 )
+from clsim.values import read_value
+
+ItemT = TypeVar("ItemT")
+_hints: Callable[[Any], dict[str, Any]] = cache(get_type_hints)
 
 
 class WorldBuilder:
-    """Collects what a world holds; lengths in metres, +y up.
+    """Collects what a world holds; lengths in metres, +y up. Arrays are copied: who gives them may use them again.
 
     >>> scene = WorldBuilder(Camera(64, 48, 50.0, Static(np.eye(4))))
     >>> scene.add("ball", trimesh.creation.icosphere(), material=Material(color=(0.6, 0.1, 0.1)))  # doctest: +SKIP
@@ -40,7 +47,7 @@ class WorldBuilder:
 
     def __init__(self, camera: Camera, name: str = "world") -> None:
         """Begin with nothing but a camera; ``name`` is what messages and sidecars call the world."""
-        self._camera, self._name = camera, name
+        self._camera, self._name = _read("camera", camera, Camera), name
         self._meshes: list[Mesh] = []
         self._instances: list[Instance] = []
         self._materials: list[Material] = []
@@ -61,9 +68,10 @@ class WorldBuilder:
         Raises:
             InputError: the name is taken, or the shape or the pose is none.
         """
-        motion = self._claim(name, pose)
+        motion = self._motion(name, pose)
+        material = None if material is None else _read(name, material, Material)
         if isinstance(shape, Mesh):
-            self._place(name, self._mesh(shape, material or Material()), motion)
+            self._place(name, self._mesh(_read(name, shape, Mesh), material or Material()), motion)
         elif hasattr(shape, "faces"):
             self._place(name, self._from_trimesh(name, shape, material), motion)
         elif hasattr(shape, "geometry") and hasattr(shape, "graph"):
@@ -74,6 +82,7 @@ class WorldBuilder:
                 self._place(f"{name}/{node}", index, Attached(motion, offset))
         else:
             raise InputError(f"{name}: expected a Mesh, or a mesh or scene of trimesh, got {type(shape).__name__}")
+        self._names.add(name)  # now that all is well: who mends a shape may add it under its name
 
     def add_parts(self, name: str, parts: Mapping[str, tuple[Mesh, Matrix, Material]], pose: Any = None) -> None:
         """Add an object of several meshes that move together.
@@ -86,18 +95,26 @@ class WorldBuilder:
         Raises:
             InputError: the name is taken, or the pose is none.
         """
-        motion = self._claim(name, pose)
-        for part, (mesh, offset, material) in parts.items():
-            self._place(f"{name}/{part}", self._mesh(mesh, material), Attached(motion, offset))
+        motion = self._motion(name, pose)
+        read = [
+            (f"{name}/{part}", _read(f"{name}/{part}", mesh, Mesh), offset, _read(f"{name}/{part}", material, Material))
+            for part, (mesh, offset, material) in parts.items()
+        ]
+        for each, mesh, offset, material in read:
+            self._place(each, self._mesh(mesh, material), Attached(motion, np.array(offset, np.float64)))
+        self._names.add(name)
 
     def add_light(self, name: str, light: SphereLight | PunctualLight, pose: Any = None) -> None:
         """Add a light under a name, with its own motion or at a pose; raises InputError as `add`."""
-        motion = self._claim(name, light.motion if pose is None else pose)
+        kind: type[Any] = PunctualLight if isinstance(light, PunctualLight) else SphereLight
+        light = _read(name, light, kind)
+        motion = self._motion(name, light.motion if pose is None else pose)
         self._lights.append(replace(light, name=name, motion=motion))
+        self._names.add(name)
 
     def add_texture(self, texture: Texture) -> int:
         """Add a texture and return the number by which materials name it."""
-        self._textures.append(texture)
+        self._textures.append(_read("texture", texture, ImageTexture) if isinstance(texture, ImageTexture) else texture)
         return len(self._textures) - 1
 
     def world(
@@ -118,6 +135,7 @@ class WorldBuilder:
             fps: frames per simulated second.
             duration_s: length of the motion [s]; None is until all has ended, 1 s where nothing moves.
         """
+        told_s = read_value("duration_s", duration_s, float | None)
         world = World(
             name=self._name,
             camera=self._camera,
@@ -127,22 +145,23 @@ class WorldBuilder:
             textures=tuple(self._textures),
             sphere_lights=tuple(light for light in self._lights if isinstance(light, SphereLight)),
             punctual_lights=tuple(light for light in self._lights if isinstance(light, PunctualLight)),
-            environment=environment,
-            environment_map=environment_map,
-            sensor=sensor or Sensor(),
-            fps=fps,
+            environment=read_value("environment", environment, tuple[float, float, float]),
+            environment_map=None if environment_map is None else _read("sky", environment_map, EnvironmentMap),
+            sensor=Sensor() if sensor is None else _read("sensor", sensor, Sensor),
+            fps=read_value("fps", fps, float),
+            duration_s=1.0 if told_s is None else told_s,
         )
-        world = replace(world, duration_s=duration_s or world.moving_s() or 1.0)
         validate(world, self._name)
-        return world
+        return world if told_s is not None else replace(world, duration_s=world.moving_s() or 1.0)
 
-    def _claim(self, name: str, pose: Any) -> Motion:
+    def _motion(self, name: str, pose: Any) -> Motion:
+        """Return how something of a name moves, which must be a new one."""
+        name = read_value("name", name, str)
         if not name or "/" in name or name in self._names:
             raise InputError(f"{name!r} must be a name of its own, without a slash")
-        motion = Static(np.eye(4)) if pose is None else pose
+        motion = Static(np.eye(4)) if pose is None else _own(pose)
         if not hasattr(motion, "duration_s"):
             motion = Static(matrix_of(read_place("pose", pose)))
-        self._names.add(name)
         found: Motion = motion
         return found
 
@@ -189,6 +208,53 @@ class WorldBuilder:
         if image is None:
             return -1
         return self.add_texture(ImageTexture(unpack_rgba(f"the texture of {name}", image, self._budget)))
+
+
+def _read(owner: str, item: Any, kind: type[ItemT]) -> ItemT:
+    """Return a description with Python's numbers and arrays of its own; raises InputError, which names its owner."""
+    if not isinstance(item, kind):
+        raise InputError(f"{owner}: expected {kind.__name__}, got {type(item).__name__}")
+    hint: Any
+    found: dict[str, Any] = {}
+    for name, hint in _hints(kind).items():
+        value = getattr(item, name)
+        try:
+            if _is_plain(hint):
+                found[name] = read_value(name, value, hint)
+            elif value is not None and any(get_origin(part) is np.ndarray for part in (hint, *get_args(hint))):
+                found[name] = _array(name, value)
+            elif hint is Motion:
+                found[name] = _own(value)
+                if not hasattr(value, "duration_s"):
+                    raise InputError(f"`{name}` must be a motion such as Static(matrix), got {type(value).__name__}")
+        except InputError as error:
+            raise InputError(f"{owner}: {error}") from None
+    made: ItemT = replace(item, **found)  # type: ignore[type-var]
+    return made
+
+
+def _is_plain(hint: Any) -> bool:
+    """Tell whether values of a type are numbers, truths, words, or lists of them."""
+    if get_origin(hint) in (Union, types.UnionType, tuple):
+        return all(map(_is_plain, get_args(hint)))
+    return get_origin(hint) is Literal or hint in (bool, float, int, str, types.NoneType)
+
+
+def _array(name: str, value: Any) -> npt.NDArray[Any]:
+    try:
+        array = np.array(value)
+    except ValueError:  # of rows of several lengths
+        array = np.array(None)
+    if array.dtype.kind not in ("iu" if name == "triangles" else "fiu"):
+        raise InputError(f"`{name}` must be an array of {'whole ' if name == 'triangles' else ''}numbers")
+    if name == "colors" and array.max(initial=0) > 1 and array.dtype.kind != "f":
+        raise InputError(f"`colors` are up to {array.max()}, expected numbers from 0 to 1")
+    return array
+
+
+def _own(motion: Any) -> Any:
+    """Return a pose that stays when the caller's matrix changes."""
+    return Static(np.array(motion.matrix, np.float64)) if isinstance(motion, Static) else motion
 
 
 def _vec3(values: Any) -> Vec3:

@@ -1,5 +1,8 @@
 """Worlds put together in Python."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
@@ -7,7 +10,7 @@ from PIL import Image
 
 import clsim
 from clsim.errors import InputError
-from clsim.scene import Camera, ImageTexture, Material, PunctualLight, Static
+from clsim.scene import Camera, ImageTexture, Material, Mesh, PunctualLight, SphereLight, Static
 from clsim.scene.driven import placed
 from clsim.scene.motion import Orbit, compose
 from clsim.scene.shapes import box
@@ -89,3 +92,68 @@ def test_a_material_is_that_of_all_parts_of_a_scene() -> None:
     assert [world.materials[world.meshes[each.mesh].material_ids[0]].color for each in world.instances] == [
         (0.1, 0.2, 0.3)
     ] * 2
+
+
+def test_who_changes_his_arrays_later_changes_no_world() -> None:
+    """Many fill the same memory for one mesh after the other."""
+    vertices, triangles = np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)
+    pixels, pose = np.full((2, 2, 4), 200, np.uint8), np.eye(4)
+    made = clsim.WorldBuilder(Camera(32, 24, 50.0, Static(pose)))
+    made.add_texture(ImageTexture(pixels))
+    made.add("a", Mesh(vertices, triangles, np.zeros(1, np.int32)), Static(pose))
+    made.add_parts("b", {"c": (Mesh(vertices, triangles, np.zeros(1, np.int32)), pose, Material())})
+    made.add_light("lamp", SphereLight(0.1, (1.0, 1.0, 1.0), Static(pose)))
+    for array in (vertices, triangles, pixels, pose):
+        array[:] = 0
+    world = made.world()
+    assert all((mesh.vertices == np.eye(3)).all() and mesh.triangles.tolist() == [[0, 1, 2]] for mesh in world.meshes)
+    assert all((motion.pose(0.0) == np.eye(4)).all() for motion in world.motions())
+    assert world.textures[0].pixels.min() == 200  # type: ignore[union-attr]
+
+
+def test_numbers_of_numpy_and_lists_are_as_good() -> None:
+    """Lists of numbers for arrays, and 64 bits for 32."""
+    made = clsim.WorldBuilder(Camera(np.int64(32), np.int32(24), np.float32(50), Static(np.eye(4).tolist())))  # type: ignore[arg-type]
+    lists: Any = (np.eye(3).tolist(), [[0, 1, 2]], [0])
+    made.add("a", Mesh(*lists), material=Material(color=np.ones(3), alpha=np.float64(0.5)))  # type: ignore[arg-type]
+    world = made.world(environment=[1, 1, 1], fps=np.int64(60))  # type: ignore[arg-type]
+    assert (type(world.camera.width), world.camera.fov_deg, world.fps) == (int, 50.0, 60.0)
+    assert world.materials[0].color == (1.0, 1.0, 1.0) and world.environment == (1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"camera": {"fov_deg": "wide"}}, "camera: `fov_deg` must be a finite number, got 'wide'"),
+        ({"camera": {"motion": np.eye(4)}}, r"camera: `motion` must be a motion such as Static\(matrix\), got ndarray"),
+        ({"camera": {"width": 32.0}}, "camera: `width` must be a whole number, got 32.0"),
+        ({"material": {"color": 0.5}}, "a: `color` must be a list of 3 finite numbers, got 0.5"),
+        ({"material": {"texture": 5}}, "world: material 0: texture is 5, expected -1 or one of the 0 textures"),
+        (
+            {"mesh": {"colors": np.full((3, 3), 255, np.uint8)}},
+            "a: `colors` are up to 255, expected numbers from 0 to 1",
+        ),
+        ({"mesh": {"triangles": np.eye(3)}}, "a: `triangles` must be an array of whole numbers"),
+        ({"mesh": {"vertices": [[0], [1, 2]]}}, "a: `vertices` must be an array of numbers"),
+        ({"world": {"environment": 0.2}}, "`environment` must be a list of 3 finite numbers, got 0.2"),
+        ({"world": {"sensor": 5}}, "sensor: expected Sensor, got int"),
+        ({"world": {"fps": "30"}}, "`fps` must be a finite number, got '30'"),
+        ({"world": {"duration_s": 0}}, "world: duration_s is 0.0, expected a positive number"),
+    ],
+    ids=str,
+)
+def test_values_of_the_wrong_kind_are_told_with_their_name(wrong: dict[str, dict[str, Any]], sentence: str) -> None:
+    triangle = {"vertices": np.eye(3), "triangles": np.array([[0, 1, 2]]), "material_ids": np.zeros(1, np.int32)}
+    with pytest.raises(InputError, match=rf"\A{sentence}\Z"):
+        made = clsim.WorldBuilder(replace(CAMERA, **wrong.get("camera", {})))
+        made.add("a", Mesh(**triangle | wrong.get("mesh", {})), material=Material(**wrong.get("material", {})))
+        made.world(**wrong.get("world", {}))
+
+
+def test_a_name_is_free_again_after_what_could_not_be_added() -> None:
+    made = builder()
+    with pytest.raises(InputError, match="a: expected a Mesh, or a mesh or scene of trimesh, got list"):
+        made.add("a", [])
+    made.add("a", box((1.0, 1.0, 1.0)))
+    with pytest.raises(InputError, match="'a' must be a name of its own"):
+        made.add("a", box((1.0, 1.0, 1.0)))
