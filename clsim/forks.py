@@ -5,6 +5,7 @@ What waits for them in a child would wait for ever, and OpenCL cannot be opened 
 
 from __future__ import annotations
 
+import gc
 import os
 
 from clsim.errors import Error
@@ -41,6 +42,9 @@ def is_orphan() -> bool:
 def _note_fork() -> None:
     global _orphaned
     _orphaned = _orphaned or _opened
+    if _orphaned:
+        # What Python has yet to throw away may hold memory of OpenCL, and would wait for those threads to let it go.
+        gc.freeze()
 
 
 if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import weakref
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -46,6 +47,7 @@ class Stream(Iterator[EventBatch]):
     def __init__(self, options: LiveOptions, world: World | None = None) -> None:
         """Load the scene, unless a world is given, and open the outputs; raises InputError."""
         self._queue = QueueSink(capacity=4)
+        self._starting = threading.Lock()
         if world is not None:
             world = alone(in_colours_of(options.sensor, world))
         # No file's name leads back to a world that a program made.
@@ -88,8 +90,9 @@ class Stream(Iterator[EventBatch]):
             raise StopIteration
         session = self._session
         try:
-            if not session.started:
-                session.start()
+            with self._starting:  # threads may read in turn
+                if not session.started:
+                    session.start()
             while True:
                 ended = session.pipeline.wait(0.0)
                 taken = self._queue.get(timeout_s=0.0 if ended else 0.05)

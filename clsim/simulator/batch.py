@@ -22,8 +22,8 @@ class Batch(Sequence[Simulator]):
     ...         simulator.set_pose("red box", poses[k])
     ...     events = simulators.step(until_us=1_000)
 
-    Each is a `Simulator` with poses, light, time and random numbers of its own, and fires what it would fire alone. All
-    are for one thread.
+    Each is a `Simulator` with poses, light, time and random numbers of its own, and fires what it would fire alone.
+    Threads that drive them wait for each other.
     """
 
     def __init__(self, scene: str | Path | World, n: int, **options: Any) -> None:

@@ -29,7 +29,7 @@ from clsim.scene.validate import BRIGHTEST
 from clsim.sensor.settings import SensorSettings
 from clsim.simulator.camera_pipeline import CameraPipeline, check_truth
 from clsim.simulator.driving import Driving
-from clsim.simulator.shared_scene import SharedScene, Turn
+from clsim.simulator.shared_scene import SharedScene, Turn, one_at_a_time
 from clsim.simulator.snapshot import SimulatorState
 from clsim.simulator.stepping import Clock, StepClock
 from clsim.values import read_value
@@ -115,7 +115,7 @@ class Driver(ABC):
         """Return another of the same scene, with poses, light and time of its own, before its first step.
 
         Both share the scene on the device, and so its kernels and trees; what can be moved is what has been set when
-        the first of them steps. They are for one thread.
+        the first of them steps. Threads that drive them wait for each other.
         """
         self._check_open()
         other = copy(self)
@@ -141,6 +141,7 @@ class Driver(ABC):
         """Time of the last frame [µs]; None before the first."""
         return self.time_us if self._next else None
 
+    @one_at_a_time
     def set_pose(self, name: str, pose: Any, at_us: int | None = None) -> None:
         """Say where something is at a time; on the way from its last pose it goes straight and turns by slerp.
 
@@ -163,6 +164,7 @@ class Driver(ABC):
         at_us = read_value("at_us", at_us, int | None)
         self._driving.set_place(read_value("name", name, str), place, at_us, self.frame_time_us)
 
+    @one_at_a_time
     def set_camera(self, pose: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
         """Say where the camera is at a time, as `set_pose` does.
 
@@ -181,6 +183,7 @@ class Driver(ABC):
         at_us = read_value("at_us", at_us, int | None)
         self._driving.set_place(CAMERA, (position, rotation, scale), at_us, self.frame_time_us)
 
+    @one_at_a_time
     def pose(self, name: str, time_us: float | None = None) -> Matrix:
         """Return the pose ``[4, 4]`` of what is called so, at a time [µs] or, without one, at the last frame.
 
@@ -190,6 +193,7 @@ class Driver(ABC):
         time_us = read_value("time_us", time_us, float | None)
         return self._driving.pose(read_value("name", name, str), self.time_us if time_us is None else time_us)
 
+    @one_at_a_time
     def set_light(self, name: str, radiance: tuple[float, float, float]) -> None:
         """Let lights shine with another radiance from the next frame on.
 
@@ -223,6 +227,7 @@ class Driver(ABC):
             for pipeline in self._camera_pipelines.values():
                 pipeline.forget_light()
 
+    @one_at_a_time
     def _step(self, until_us: int) -> dict[str, EventBatch]:
         """Make a step, and return each camera's events."""
         self._check_open()
@@ -249,6 +254,7 @@ class Driver(ABC):
         if self._next == 0:
             raise Error("there is no frame yet: step first")
 
+    @one_at_a_time
     def reset(self, seed: int | None = None) -> None:
         """Restart: the next frame is at 0, and all stands and shines as in the scene, until it is set.
 
@@ -270,6 +276,7 @@ class Driver(ABC):
         self._driving.release()
         self._begin()
 
+    @one_at_a_time
     def snapshot(self) -> SimulatorState:
         """Return all that the simulator remembers, for `restore`; it costs as much memory as the simulator's own.
 
@@ -282,6 +289,7 @@ class Driver(ABC):
         remembers = tuple(pipeline.snapshot() for pipeline in self._camera_pipelines.values())
         return SimulatorState(self._views, remembers, self._driving.state(), self._next, self.time_us)
 
+    @one_at_a_time
     def restore(self, state: SimulatorState) -> None:
         """Go back to when a snapshot was taken; the same steps return the same events again.
 
@@ -310,6 +318,7 @@ class Driver(ABC):
         """By how much the last step ended late, with the wall clock [s]."""
         return self._clock.lag_s
 
+    @one_at_a_time
     def close(self) -> None:
         """Release the devices' memory; safe to call twice."""
         if not self._closed:

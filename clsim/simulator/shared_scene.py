@@ -2,9 +2,34 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from clsim.forks import is_orphan
 from clsim.render import SceneData
 from clsim.scene import World
 from clsim.simulator.driving import Driving
+
+Given = ParamSpec("Given")
+Returned = TypeVar("Returned")
+
+
+def one_at_a_time(
+    method: Callable[Concatenate[Any, Given], Returned],
+) -> Callable[Concatenate[Any, Given], Returned]:
+    """Let threads that drive one scene wait for each other: two at once would read what the other is moving."""
+
+    def alone(driver: Any, *args: Given.args, **kwargs: Given.kwargs) -> Returned:
+        if is_orphan():  # whose parent may have held the lock; nothing is driven there
+            return method(driver, *args, **kwargs)
+        with driver._turn.scene.lock:
+            return method(driver, *args, **kwargs)
+
+    named: Any = wraps(method)(alone)
+    found: Callable[Concatenate[Any, Given], Returned] = named
+    return found
 
 
 class SharedScene:
@@ -13,12 +38,14 @@ class SharedScene:
     Attributes:
         driving: what is set from outside, of the one whose turn it is.
         data: the scene on the device; None before the first step of any.
+        lock: held by the thread in which one of them works.
     """
 
     def __init__(self, world: World) -> None:
         """Begin with nothing on the device."""
         self.driving = Driving(world)
         self.data: SceneData | None = None
+        self.lock = threading.RLock()
         self._turn: Turn | None = None
         self._lit: set[str] = set()
 

@@ -9,6 +9,8 @@ import pkgutil
 import subprocess
 import sys
 import threading
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
 
@@ -201,3 +203,16 @@ def test_batches_that_wait_are_not_those_that_are_written_next() -> None:
     for time_us in (10, 20):
         found, end_us = queue.get(1.0)
         assert found["t"].tolist() == [time_us] * 3 and end_us == time_us
+
+
+def test_threads_may_read_one_stream_in_turn() -> None:
+    """They ran into each other where one had not begun the run yet."""
+    together = threading.Barrier(4)
+
+    def read(run: Iterable[np.ndarray]) -> list[int]:
+        together.wait()
+        return [len(events) for events in run]
+
+    with clsim.stream("two-boxes", **SMALL, frame_count=12) as run, ThreadPoolExecutor(4) as pool:
+        found = [count for counts in pool.map(read, [run] * 4) for count in counts]
+    assert sorted(found) == sorted(map(len, clsim.stream("two-boxes", **SMALL, frame_count=12))) and len(found) == 12

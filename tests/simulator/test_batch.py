@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,20 @@ def test_each_fires_what_it_fires_alone(tmp_path: Path, quality: str) -> None:
             assert sum(map(len, found[k])) > 10 * clsim.EVENT_DTYPE.itemsize
             np.testing.assert_array_equal(alone.frame().planes, frames[k])
             np.testing.assert_array_equal(alone.pose("box"), poses[k])
+
+
+def test_threads_that_drive_copies_wait_for_each_other(tmp_path: Path) -> None:
+    """Two at once read what the other was moving, and the process ended there and then."""
+
+    def driven(simulators: Any, each: Any) -> list[Seen]:
+        for simulator in simulators:  # what will move is known before the first step of any
+            simulator.set_pose("box", np.eye(4))
+        return list(each(lambda k: [go(simulators[k], k, step) for step in range(8)], range(4)))
+
+    with clsim.batch(scene(tmp_path), 4, **OPTIONS) as simulators, ThreadPoolExecutor(4) as pool:
+        together = driven(simulators, pool.map)
+    with clsim.batch(scene(tmp_path), 4, **OPTIONS) as simulators:
+        assert driven(simulators, map) == together and all(any(seen) for seen in together)
 
 
 def test_one_restarts_or_goes_back_while_others_go_on(tmp_path: Path) -> None:

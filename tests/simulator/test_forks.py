@@ -1,10 +1,12 @@
 """Children that are forked from a process in which clsim has run, or has not."""
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -67,11 +69,47 @@ def test_what_the_parent_has_run_is_refused_in_a_child_at_once(tmp_path: Path) -
         ):
             told = said_in_child(run)
             assert told.startswith(REFUSED) and "spawn" in told, told
+        with ThreadPoolExecutor(1) as other:  # that works in it while the process is forked
+            other.submit(stage._turn.scene.lock.acquire).result()
+            assert said_in_child(lambda: stage.step(until_us=10_000)).startswith(REFUSED)
+            other.submit(stage._turn.scene.lock.release).result()
         # What needs no device is done there, and what is the parent's is left alone.
         assert said_in_child(lambda: (load_world("still"), stage.close(), stream.close())) == "nothing was wrong"
         stage.step(until_us=10_000)
         events = sum(map(len, stream))
     assert events > 0 and stream.summary.events == len(clsim.open(str(out)).read()) == events
+
+
+class Loop:
+    """Is thrown away by the garbage collector alone, and then heard of."""
+
+    thrown = 0
+
+    def __init__(self) -> None:
+        self.me = self
+
+    def __del__(self) -> None:
+        Loop.thrown += 1
+
+
+@pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
+def test_a_child_leaves_what_its_parent_has_yet_to_throw_away(tmp_path: Path) -> None:
+    """It may be memory of OpenCL, whose threads stayed behind: the child would wait for them for ever."""
+
+    def collect() -> None:
+        gc.collect()
+        raise Error(f"{Loop.thrown} thrown away")
+
+    with simulator(tmp_path) as stage:
+        stage.step(until_us=0)
+        gc.disable()
+        try:
+            Loop()
+            assert said_in_child(collect) == "0 thrown away"
+        finally:
+            gc.enable()
+    gc.collect()
+    assert Loop.thrown == 1
 
 
 POOL = """
