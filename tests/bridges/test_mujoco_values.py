@@ -271,6 +271,12 @@ def test_a_model_and_its_data_in_the_wrong_order_are_told() -> None:
     model, data = load(MOVING)
     with pytest.raises(InputError, match="`model` must be an MjModel, got MjData"):
         MujocoScene(data, model)
+    other = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+    with pytest.raises(InputError, match="`data` is of another model: it has 1 bodies and 1 geoms, exp"):
+        MujocoScene(model, mujoco.MjData(other))
+    with pytest.raises(InputError, match="`resolution` must be a list of 2 whole numbers, got '8x6'"):
+        MujocoScene(model, data, resolution="8x6")  # type: ignore[arg-type]
+    assert MujocoScene(model, data, camera=np.int64(0)).world.camera.width == 346  # type: ignore[arg-type]
 
 
 def test_where_time_stands_still_it_does_not_begin_again() -> None:

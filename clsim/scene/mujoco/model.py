@@ -16,6 +16,7 @@ from clsim.scene.mujoco.cameras import FREE, camera_of, free_pose
 from clsim.scene.mujoco.shapes import mesh_of
 from clsim.scene.mujoco.surfaces import COLOR_ROLES, Surfaces, headlight, light, sky
 from clsim.scene.world import Material, Mesh, Sensor, World
+from clsim.values import read_value
 
 _SHOWN_GROUPS = 3
 """Groups of geoms that MuJoCo shows if it is not told otherwise: 0, 1 and 2. In the others are what collides unseen."""
@@ -54,9 +55,15 @@ class ShownModel:
         for name, value, kind in (("model", model, mujoco.MjModel), ("data", data, mujoco.MjData)):
             if not isinstance(value, kind):
                 raise InputError(f"`{name}` must be an {kind.__name__}, got {type(value).__name__}")
-        mujoco.mj_forward(model, data)
-        self._model, self._data, self._resolution = model, data, resolution
-        self._camera = _camera_number(model, camera)
+        if (len(data.qpos), len(data.xpos), len(data.geom_xpos)) != (model.nq, model.nbody, model.ngeom):
+            raise InputError(
+                f"`data` is of another model: it has {len(data.xpos)} bodies and {len(data.geom_xpos)} geoms, expected "
+                f"{model.nbody} and {model.ngeom}"
+            )
+        mujoco.mj_forward(model, data)  # which would read beyond data that are smaller
+        self._model, self._data = model, data
+        self._resolution = read_value("resolution", resolution, tuple[int, int])
+        self._camera = _camera_number(model, camera.item() if isinstance(camera, np.generic) else camera)
         self.camera_moves = self._camera != FREE and _goes(
             model, model.cam_bodyid[self._camera], model.cam_mode[self._camera]
         )
