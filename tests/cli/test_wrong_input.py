@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 SMALL = ("--resolution", "16x12", "--frame-count", "2")
+TWICE = ["{}/events.txt"] * 2
 
 
 @pytest.fixture
@@ -19,6 +20,7 @@ def files(tmp_path: Path) -> Path:
     glb = trimesh.creation.box().export(file_type="glb")
     (tmp_path / "cut.glb").write_bytes(glb[: len(glb) // 2])
     (tmp_path / "readonly").write_text("a file, not a folder")
+    (tmp_path / "events.txt").write_text("7474 23 16 1\n" * 50)
     (tmp_path / "frames").mkdir()
     (tmp_path / "earlier").mkdir()
     (tmp_path / "earlier" / "between-000001.npz").touch()
@@ -136,9 +138,9 @@ def files(tmp_path: Path) -> Path:
             for option in ("fps", "duration", "frame-count")
         ),
         (["score", "{}/a.aedat4", "{}/b.aedat4", "--resolution", "4x4", "--fps", "60"], "a.aedat4"),
-        (["score", "{}/a.txt", "{}/a.txt", "--fps", "0", "--resolution", "99x99"], "--fps must be a positive number"),
-        (["score", "{}/a.txt", "{}/a.txt", "--tau", "nan"], "--tau must be a positive number, got nan"),
-        (["detect", "{}/a.txt", "--out", "{}/x.txt"], "a.txt: holds text, expected a video"),
+        (["score", *TWICE, "--fps", "0", "--resolution", "99x99"], "--fps must be a positive number, got 0"),
+        (["score", *TWICE, "--fps", "60", "--resolution", "99x99", "--tau", "nan"], "--tau must be a positive number"),
+        (["detect", "{}/events.txt", "--out", "{}/x.txt"], "events.txt: holds text, expected a video"),
         (["info", "nothing"], "no scene 'nothing'"),
     ],
     ids=lambda value: " ".join(value)[:60] if isinstance(value, list) else "",
