@@ -26,9 +26,10 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Who asks a run to end, as schedulers and containers do, wants its files whole and its summary, as of Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # So does who closes the terminal; but nohup says that it shall not matter.
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-        signal.signal(signal.SIGHUP, signal.default_int_handler)
+    # So does who closes the terminal; but nohup says that it shall not matter. Windows has no such signal.
+    hangup = getattr(signal, "SIGHUP", None)
+    if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:
+        signal.signal(hangup, signal.default_int_handler)
     from clsim.cli.streams import keep_streams
 
     keep_streams()

@@ -105,7 +105,7 @@ def _check_ns(poses: list[Timed]) -> None:
     """Raise InputError where times without a unit can be no ns, which they are in ESIM's files."""
     short = 0 < poses[-1][1] - poses[0][1] < 1000 * _NS if poses else False
     for place, time_s, _ in poses[-1:] if short else poses:
-        if short or time_s % _NS:
+        if short or (time_s / _NS).to_integral_value() != time_s / _NS:
             raise InputError(
                 f"{place}: time {float(time_s / _NS):.9g} has no unit, and is none in ns; expected a header such as "
                 "time_s,x,y,z,qx,qy,qz,qw"

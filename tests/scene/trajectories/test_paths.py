@@ -88,6 +88,7 @@ def test_every_format_tells_the_same_path(tmp_path: Path, name: str) -> None:
         ("a.csv", "5,0,0,0,0,0,0,1\n5,0,0,0,0,0,0,1\n", r"a.csv:2: time 5e-09 s does not come after"),
         ("a.csv", "0,0,0,0,0,0,0,1\n0.5,0,0,0,0,0,0,1\n", r"a.csv:2: time 0.5 has no unit, and is none in ns"),
         ("a.csv", "0,0,0,0,0,0,0,1\n9,0,0,0,0,0,0,1\n", r"a.csv:2: time 9 has no unit, and is none in ns.* time_s,x,y"),
+        ("a.csv", "0,0,0,0,0,0,0,1\n1e300,0,0,0,0,0,0,1\n", r"a.csv:2: time 1e\+291 is no time in seconds"),
         ("a.csv", "#time,x,y,z,qx,qy,qz,qw\n.5,0,0,0,0,0,0,1\n", r"a.csv:2: time 0.5 has no unit"),
         ("a.csv", "", "a.csv: has no poses"),
         ("a.npz", "no", "a.npz: is no npz of arrays"),
