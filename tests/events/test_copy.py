@@ -16,6 +16,7 @@ from clsim.events.files import open_sink
 from clsim.events.formats.dv_stream import DvEncoder
 from clsim.events.formats.tables import text
 from clsim.events.open import sensor_size
+from clsim.events.sidecar import read_sidecar, sidecar_size
 from clsim.events.socket_sinks import open_socket_sink
 from tests.events.event_data import end_of
 from tests.live.view.view_events import random_events
@@ -45,6 +46,7 @@ def test_every_event_arrives(tmp_path: Path, source: str, target: str) -> None:
     done = convert_events(str(name), str(tmp_path / target), (WIDTH, HEIGHT), heard.append)
     assert done == heard[-1] == Copied(len(EVENTS), EVENTS["t"][-1])
     assert np.array_equal(read(tmp_path / target), EVENTS)
+    assert sidecar_size(read_sidecar(tmp_path / target)) == (WIDTH, HEIGHT)
 
 
 @pytest.mark.parametrize("labels", [("cause",), ("cause", "object")])
@@ -107,6 +109,33 @@ def test_the_size_is_found_out_where_nothing_tells_it(tmp_path: Path) -> None:
     Path(f"{name}.json").write_text('{"camera": {"width": -3, "height": "many"}}')
     with clsim.open(name) as source:
         assert sensor_size(name, source, None) == (EVENTS["x"].max() + 1, EVENTS["y"].max() + 1)
+
+
+@pytest.mark.parametrize("at", [0, 20_000, -1])
+def test_the_farthest_pixels_count_wherever_in_the_file_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: int
+) -> None:
+    monkeypatch.setattr("clsim.events.formats.tables.npy.CHUNK_EVENTS", 10_000)
+    events = np.concatenate([EVENTS] * 3)
+    events["t"].sort()
+    events["x"][at], events["y"][at] = 345, 259
+    np.save(tmp_path / "a.npy", events)
+    with clsim.open(tmp_path / "a.npy") as source:
+        assert sensor_size(str(tmp_path / "a.npy"), source, None) == (346, 260)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 65_536), (65_536, 1), (346, 260)])
+def test_a_sidecar_tells_the_size_of_any_sensor_that_events_have_room_for(width: int, height: int) -> None:
+    assert sidecar_size({"camera": {"width": width, "height": height}}) == (width, height)
+    for wrong in ((0, height), (width, 0), (65_537, height), (width, 65_537)):
+        assert sidecar_size({"camera": dict(zip(("width", "height"), wrong, strict=True))}) is None
+
+
+def test_a_folder_may_have_the_mark_of_topics_in_its_name(tmp_path: Path) -> None:
+    (tmp_path / "left#").mkdir()
+    name = f"{record(tmp_path / 'left#' / 'a.h5')}"
+    assert np.array_equal(read(Path(name)), EVENTS)
+    assert convert_events(name, str(tmp_path / "b.txt")).events == len(EVENTS)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import struct
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import clsim
@@ -104,6 +105,17 @@ def test_a_sidecar_that_tells_otherwise(tmp_path: Path, about: dict[str, object]
     assert told(path) == (300, [] if sentence is None else [sentence.format(sidecar)])
     sidecar.write_text(json.dumps(about))  # not ours
     assert told(path) == (300, [])
+
+
+@pytest.mark.parametrize("ending", [".aedat4", ".dat", ".h5"])
+def test_what_is_older_than_ten_milliseconds_is_in_the_file(tmp_path: Path, ending: str) -> None:
+    part = EVENTS[:60].copy()
+    part["t"] = 1_000_000 + 1000 * np.arange(len(part))
+    with clsim.write(tmp_path / f"a{ending}", WIDTH, HEIGHT) as sink:
+        for k, end_us in enumerate(part["t"].tolist()):
+            sink.write(part[k : k + 1], end_us)
+            if k % 7 == 6:
+                assert told(tmp_path / f"a{ending}")[0] >= np.count_nonzero(part["t"] <= end_us - 10_000)
 
 
 def test_a_file_that_grows_is_read_as_far_as_it_is(tmp_path: Path) -> None:

@@ -86,13 +86,14 @@ def packet(kind: int, source: int, times: list[int], x: int) -> bytes:
     return struct.pack("<hhiiiiii", kind, source, 8, 4, 0, len(times), len(times), len(times)) + events
 
 
-def test_of_several_sources_the_first_is_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("first", "other", "size"), [(1, 2, (128, 128)), (2, 1, (346, 260))])
+def test_of_several_sources_the_first_is_read(tmp_path: Path, first: int, other: int, size: tuple[int, int]) -> None:
     """As of streams in AEDAT 4: events of two cameras are no recording of one."""
-    parts = [packet(1, 2, [0, 10], 300), packet(1, 1, [5, 12], 100), packet(1, 2, [20], 300)]
+    parts = [packet(1, first, [0, 10], 70), packet(1, other, [5, 12], 100), packet(1, first, [20], 70)]
     (tmp_path / "a.aedat").write_bytes(_AEDAT_3 + b"".join(parts))
     found = open_source(tmp_path / "a.aedat")
-    assert (found.width, found.height) == (346, 260)
-    assert [(int(e["t"]), int(e["x"])) for e in found.read()] == [(0, 300), (10, 300), (20, 300)]
+    assert (found.width, found.height) == size
+    assert [(int(e["t"]), int(e["x"])) for e in found.read()] == [(0, 70), (10, 70), (20, 70)]
 
 
 def test_packets_that_caer_compressed_are_refused_and_those_of_frames_left_out(tmp_path: Path) -> None:

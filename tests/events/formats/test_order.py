@@ -57,6 +57,14 @@ def test_what_is_as_late_as_may_be_is_kept_beside_what_is_later() -> None:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("at", [1, 7_000, 10_000, 12_345, 29_999])
+def test_a_strict_reader_names_the_event_that_comes_too_early_by_its_number_in_the_file(at: int) -> None:
+    times = np.arange(1000, 31_000)
+    times[at] = times[at - 1] - 1
+    with pytest.raises(InputError, match=f"^a: event {at} has time {times[at]} µs, before {times[at - 1]} µs;"):
+        list(Order(Path("a"), strict=True).of(np.split(batch(*times), 3)))
+
+
 def test_equal_times_stay_as_they_came() -> None:
     order = Order(Path("a"))
     (found,) = order.of([batch(5, 7, 7, 6, 7)])
