@@ -321,3 +321,36 @@ def test_where_nothing_moves_nothing_is_asked():
     scene = Bars(0.0, bar_px=5.0, gap_px=9.0, first_px=200.0, day=0.0)
     events, _ = run(scene, 30, 10.0)
     assert len(events) == 0 and scene.asked == 0
+
+
+@pytest.mark.parametrize("options", [{"tolerance_us": 10.0}, {"way_px": 3.0}], ids=["pixels", "pictures"])
+@pytest.mark.parametrize("before_s", [[], [0.0, 0.01], [0.0, 0.04, 0.08]])
+def test_after_a_reset_frames_are_followed_as_from_the_start(before_s, options):
+    """Nothing is asked for the step that leads to the first, from wherever all was before."""
+    scene = Bars(300.0, bar_px=5.0, gap_px=9.0, first_px=200.0)
+    detector = Detector(CONFIG, WIDTH, HEIGHT, NAMES, tracer=scene, **options)
+    frame = Frame(page_aligned((3, HEIGHT, WIDTH)), NAMES)
+
+    def shown(times_s):
+        found = []
+        for time_s in times_s:
+            frame.time_us = round(1e6 * time_s)
+            frame.planes[:] = scene.planes(PIXELS, np.full(len(PIXELS), time_s)).reshape(frame.planes.shape)
+            found.append(detector.step(frame).copy())
+        return np.concatenate(found) if found else None
+
+    shown(before_s)
+    detector.reset()
+    scene.asked = 0
+    assert len(shown([0.1])) == 0 and scene.asked == 0
+    events = shown([0.12, 0.15])
+    detector.close()
+    whole, _ = run(replace(scene, first_px=200.0 + 300.0 * 0.1), 1000, duration_s=0.05)
+    assert len(events) == pytest.approx(len(whole), rel=0.02) and scene.asked > 0
+    assert events["t"].min() > 100_000 and np.median(errors(events, late_by(whole, 100_000))) < 500
+
+
+def late_by(events, us):
+    later = events.copy()
+    later["t"] += us
+    return later
