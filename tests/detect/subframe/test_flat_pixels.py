@@ -29,6 +29,7 @@ class Wall:
     lit: bool = True
     steady: bool = False
     names: tuple[str, ...] = NAMES
+    asked: object = None
 
     def albedo(self, shares):
         return np.where(shares < 0.5, 0.8, 0.8 - 1.2 * (shares - 0.5))
@@ -45,6 +46,7 @@ class Wall:
 
     def reflected(self, pixels, light, start_s, end_s, fineness):
         assert (start_s, end_s) == (0.0, STEP_US * 1e-6) and fineness.linear
+        self.asked = fineness
         shares = np.tile(np.array([0.0, 0.5, 1.0], np.float32), (len(pixels), 1))
         start, end = (light[rows, :].sum(axis=0)[pixels, None] for rows in (slice(0, 3), slice(3, 6)))
         values = self.albedo(shares) * (start + (end - start) * shares)
@@ -52,9 +54,10 @@ class Wall:
         return Reflected(pixels, pixels, firsts, shares.ravel(), values.astype(np.float32).ravel())
 
 
-def found_by(wall, lights=(2.0, 2.0), albedos=None, halfway=0.5):
+def found_by(wall, lights=(2.0, 2.0), albedos=None, halfway=0.5, **options):
     """Show a wall at both ends of a step, in light [H, W]; return what is known of it, and the levels at both."""
-    flat = FlatPixels(DetectorConfig(method="esim", event_rule="linear-light"), NAMES, SIZE)
+    config = DetectorConfig(method="esim", event_rule="linear-light", **options)
+    flat = FlatPixels(config, NAMES, SIZE)
     levels = []
     for light, share in zip(lights, (0.0, 1.0), strict=True):
         frame = Frame(page_aligned((len(NAMES), *SIZE)), NAMES)
@@ -62,19 +65,21 @@ def found_by(wall, lights=(2.0, 2.0), albedos=None, halfway=0.5):
         frame.planes[:3] = frame.planes[3:6] * light
         frame.planes[6] = 1.0
         flat.advance(frame, wall)
-        levels.append(np.log(frame.planes[0].ravel()))
+        levels.append(np.log(np.maximum(config.scale * frame.planes[0].ravel(), config.floor)))
     ways = np.tile(np.array(WAY, np.float32)[:, None, None], (3, 1, *SIZE))
     path = BrightnessPath(0, STEP_US, *[None] * 3, 0)
     motion = Motion(ways, halfway * ways)
     return flat.find(path, wall, motion, tuple(levels), 100.0), levels
 
 
-def test_light_goes_straight_and_albedo_as_it_is_told():
-    found, (start, end) = found_by(Wall(), lights=(2.0, 2.02))
+@pytest.mark.parametrize(("scale", "floor"), [(1.0, 1e-4), (0.03, 1e-4), (7.0, 1e-4), (1.0, 1.607)])
+def test_light_goes_straight_and_albedo_as_it_is_told(scale, floor):
+    found, (start, end) = found_by(Wall(), lights=(2.0, 2.02), scale=scale, floor=floor)
     assert found.known.reshape(SIZE)[10:30, 10:50].all()
     pixel = 20 * SIZE[1] + 30
     mine = found.knots.pixels == np.searchsorted(found.pixels, pixel)
-    np.testing.assert_allclose(found.knots.levels[mine], [start[pixel], np.log(0.8 * 2.01), end[pixel]], atol=1e-6)
+    middle = np.log(max(scale * 0.8 * 2.01, floor))
+    np.testing.assert_allclose(found.knots.levels[mine], [start[pixel], middle, end[pixel]], atol=1e-6)
     np.testing.assert_allclose(found.knots.times[mine] / TICKS_PER_S * 1e6, [0, STEP_US / 2, STEP_US], atol=2)
 
 
@@ -155,3 +160,14 @@ def test_what_has_come_back_by_the_end_of_a_step_has_gone_there_and_back():
     halves = ways.copy()
     halves[1, :, 5, 7] = 3.0, 4.0
     assert Motion(ways, halves).longest_px == 10.0 and Motion(halves, ways).longest_px == 5.0
+
+
+@pytest.mark.parametrize("smaller", [0.05, 0.2])
+def test_lines_are_as_fine_as_the_smaller_threshold_asks(smaller):
+    walls = [Wall() for _ in range(3)]
+    for wall, (on, off) in zip(walls, ((smaller, smaller), (smaller, 1.0), (1.0, smaller)), strict=True):
+        found_by(wall, threshold_on=on, threshold_off=off)
+    assert walls[0].asked == walls[1].asked == walls[2].asked is not None
+    coarse = Wall()
+    found_by(coarse, threshold_on=1.0, threshold_off=1.0)
+    assert coarse.asked != walls[0].asked
