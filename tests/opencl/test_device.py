@@ -56,11 +56,12 @@ def test_what_does_not_build_is_passed_over_with_a_word(broken: Any) -> None:
     assert first.name.startswith("Turbo ") and first.fault == FAULT
 
 
-def test_who_names_a_device_that_works_hears_of_no_other(broken: Any) -> None:
+@pytest.mark.parametrize("spelled", [str.lower, str.upper])
+def test_who_names_a_device_that_works_hears_of_no_other(broken: Any, spelled: Callable[[str], str]) -> None:
     broken(Broken(f"{trial.POCL} on a Turbo", cl.device_type.GPU))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        chosen = choose_device(trial.POCL.lower())
+        chosen = choose_device(spelled(trial.POCL))
     assert "Turbo" not in chosen.name and trial.POCL in chosen.name
 
 

@@ -33,6 +33,18 @@ def at(frame):
     return frame_time_us(frame, FPS)
 
 
+@pytest.mark.parametrize(("width", "height"), [(2, 7), (7, 2), (1, 9), (9, 1)])
+def test_each_pixel_and_polarity_stands_for_itself(width, height):
+    """However long and narrow the picture is: what fires elsewhere is no strict partner of an event."""
+    y, x, on = (each.ravel() for each in np.mgrid[:height, :width, :2])
+    events = batch(*((at(3), *each) for each in zip(x, y, on, strict=True)))
+    for k in range(len(events)):
+        others = np.delete(events, k)
+        assert score(events[k : k + 1], others, width, height, FPS).strict_f1 == 0
+        assert score(events[k : k + 1], others, width, height, FPS, within_us=(50_000,)).within[50_000].f1 == 0
+    assert score(events, events, width, height, FPS).strict_f1 == 1
+
+
 @pytest.mark.parametrize("fps", [24, 30, 59.94, 60, 120, 1000, 7])
 def test_frames_end_at_their_rounded_times(fps):
     sampling = Sampling(W, H, fps)
