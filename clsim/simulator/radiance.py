@@ -96,17 +96,17 @@ class RadianceCamera:
             radiance: linear light, any factor of it, as ``[H, W]`` luminance, ``[H, W, 3]`` or ``[3, H, W]`` in linear
                 Rec. 709; of numpy, Warp, or whatever speaks DLPack, on the CPU or a CUDA device. Float32 ``[3, H, W]``
                 without gaps in the CPU's memory is read where it lies; all else is copied once. NaN has no value.
-            t_us: its time [µs], later than that of the picture before.
+            t_us: its time [µs], from 0 on and later than that of the picture before.
 
         Raises:
-            InputError: the picture has another shape, or its time is not later.
+            InputError: the picture has another shape, or its time is not later, or negative.
             clsim.Error: the camera is closed.
         """
         if self._closed:
             raise Error("the camera is closed")
         t_us = read_value("t_us", t_us, int)
-        if abs(t_us) > _LATEST_US:
-            raise InputError(f"`t_us` must be at most {_LATEST_US}, got {t_us}")
+        if not 0 <= t_us <= _LATEST_US:
+            raise InputError(f"`t_us` must be 0 or later, and at most {_LATEST_US}, got {t_us}")
         if self.time_us is not None and t_us <= self.time_us:
             raise InputError(f"`t_us` must be after the picture before, at {self.time_us} µs, got {t_us}")
         planes = self._planes(on_host(radiance))

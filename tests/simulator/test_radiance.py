@@ -9,7 +9,7 @@ import warp as wp
 import clsim
 from clsim.errors import Error, InputError
 from clsim.sensor import load_sensor
-from clsim.sensor.pixel_stages import Delay, Threshold
+from clsim.sensor.pixel_stages import Delay, Leak, Refractory, Threshold
 from clsim.sensor.settings import Optics, Readout, SensorSettings
 from clsim.simulator.radiance import on_host
 
@@ -105,6 +105,37 @@ def test_a_reset_forgets_and_a_closed_camera_sees_nothing() -> None:
     pixels.close()
     with pytest.raises(Error, match="the camera is closed"):
         pixels.push(ramp(0.0), 20)
+
+
+READOUTS = (
+    Readout(event_us=3.0, row_us=2.0, stamp_us=5),
+    Readout(arbiter="rows", event_us=1.0, row_us=7.0, row_stamps=True, most_wait_us=40.0),
+    Readout(scan_us=500.0, column_us=2.0, most_in_period=7, control_period_us=250.0),
+)
+
+
+@pytest.mark.parametrize("readout", READOUTS, ids=["events", "rows", "scan"])
+def test_what_a_sensor_fires_does_not_hang_on_when_time_began(readout: Readout) -> None:
+    """Nor on what was seen before a reset: all that leaks, rests, waits for the bus and is stamped begins anew."""
+    settings = SensorSettings(leak=Leak(hz=40.0), refractory=Refractory(300.0), delay=Delay(70.0), readout=readout)
+    found = []
+    with camera(sensor=settings, threshold=0.1) as pixels:
+        for start_us in (0, 7_000_000, 10**12, 0):
+            events = [pixels.push(ramp(gain), start_us + 3_000 * k) for k, gain in enumerate((0.0, 1.0, 1.0, 0.2, 2.0))]
+            assert [len(each) > 0 for each in events] == [False, True, True, True, True]
+            found.append(np.concatenate(events))
+            found[-1]["t"] -= start_us
+            pixels.reset()
+    for later in found[1:]:
+        np.testing.assert_array_equal(later, found[0])
+
+
+@pytest.mark.parametrize("sensor", [None, "davis346"])
+def test_time_begins_at_0_as_in_all_files(sensor: str | None) -> None:
+    with camera(sensor=sensor) as pixels:
+        with pytest.raises(InputError, match="`t_us` must be 0 or later, got -1"):
+            pixels.push(ramp(0.0), -1)
+        assert len(pixels.push(ramp(0.0), 0)) == 0 and len(pixels.push(ramp(1.0), 1_000)) > 0
 
 
 @pytest.mark.parametrize(

@@ -389,7 +389,7 @@ def test_what_goes_down_fires_as_what_goes_to_the_right(options, sensor):
     for turned in (lambda scene: scene, Sideways):
         scene = turned(Bars(700.0, bar_px=5.0, gap_px=9.0, first_px=60.0))
         size = (WIDTH, HEIGHT) if isinstance(scene, Bars) else (HEIGHT, WIDTH)
-        events, stats = run(scene, 30, specimen=specimen, size=size, **options)
+        events, _ = run(scene, 30, specimen=specimen, size=size, **options)
         if isinstance(scene, Sideways):
             events["x"], events["y"] = events["y"].copy(), events["x"].copy()
         found.append(events[np.lexsort((events["t"], events["x"], events["y"]))])
