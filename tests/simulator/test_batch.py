@@ -84,6 +84,18 @@ def test_one_restarts_or_goes_back_while_others_go_on(tmp_path: Path) -> None:
         assert [[go(each, k, step) for step in range(4)] for k, each in enumerate(simulators)] == first
 
 
+def test_what_one_sets_before_the_first_step_is_not_set_for_others(tmp_path: Path) -> None:
+    """Each another thing, in turns."""
+    with clsim.batch(scene(tmp_path), 3, **OPTIONS) as simulators:
+        own = {name: simulators[0].pose(name) for name in ("box", "floor", "lamp")}
+        for _ in range(2):
+            for simulator, name in zip(simulators, own, strict=True):
+                simulator.set_pose(name, compose((0.5, 0.5, 0.0), np.eye(3)), 0)
+            for simulator, moved in zip(simulators, own, strict=True):
+                for name, pose in own.items():
+                    assert np.array_equal(simulator.pose(name), pose) == (name != moved)
+
+
 def test_all_step_together(tmp_path: Path) -> None:
     with clsim.batch(scene(tmp_path), 2, **OPTIONS) as simulators:
         for step in range(3):

@@ -47,6 +47,7 @@ def same(a: Shot, b: Shot, exact: bool, levels: int = 0, ulps: int = 0) -> None:
 @pytest.mark.parametrize("kind", LAYOUTS, ids=lambda kind: kind.name)
 def test_endings_are_read_whatever_their_case(kind: LayoutKind) -> None:
     assert [layout_of(f"RUN{ending.upper()}") for ending in kind.endings] == [kind] * len(kind.endings)
+    assert [layout_of(f"run{ending}//") for ending in kind.endings] == [kind] * len(kind.endings), "as of folders"
 
 
 @pytest.mark.parametrize("ending", FOLDERS)

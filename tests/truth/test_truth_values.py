@@ -19,8 +19,9 @@ from clsim.scene.world import SphereLight
 from clsim.truth.cut import cut
 from clsim.truth.formats.dsec import disparity_image, flow_image
 from clsim.truth.formats.hdf5 import Hdf5Layout
-from clsim.truth.layouts import held_by, open_layout
+from clsim.truth.layouts import LAYOUTS, LayoutKind, held_by, open_layout
 from clsim.truth.motions import Motions
+from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.record import Layout, Shot, TrackChunk
 from clsim.truth.recorder import Plan, TruthRecorder
 from clsim.truth.recording import read_recording
@@ -50,6 +51,18 @@ def test_truth_needs_an_output_only_where_both_are_asked_for() -> None:
     assert held_by((), ("depth",)) == ("depth",) and held_by(("events.raw",), ()) == ()
     with pytest.raises(InputError, match="`truth` needs an output that can hold it"):
         held_by(("events.raw",), ("depth",))
+
+
+@pytest.mark.parametrize("kinds", [*((kind,) for kind in LAYOUTS), (LAYOUTS[1], LAYOUTS[3]), LAYOUTS], ids=len)
+def test_of_all_truth_what_some_output_holds_is_recorded_and_no_more(kinds: tuple[LayoutKind, ...]) -> None:
+    outputs = ["events.raw", *(f"run{kind.endings[0]}" for kind in kinds)]
+    assert set(held_by(outputs, ("all",))) == {name for kind in kinds for name in kind.holds}
+    for name in TRUTH_NAMES:
+        if any(name in kind.holds for kind in kinds):
+            assert held_by(outputs, (name,)) == (name,)
+        else:
+            with pytest.raises(InputError, match=f"`truth` {name} fits none of the outputs"):
+                held_by(outputs, (name,))
 
 
 class Notes(Layout):
