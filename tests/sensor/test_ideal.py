@@ -7,6 +7,7 @@ from clsim.opencl.device import choose_device
 from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor import IdealPixels, Thresholds, ideal
+from tests.sensor.benchtop import Benchtop, with_stages
 
 
 class Strip:
@@ -181,3 +182,15 @@ def test_every_listed_pixel_is_handled_once(width):
     strip.step(0.0, 0.0)
     events = strip.step(0.0, 0.3).events
     assert sorted(events["x"].tolist()) == list(range(width))
+
+
+@pytest.mark.parametrize("rest", [0.4, 0.9])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_pixel_with_faults_that_has_fired_all_that_it_may_goes_on_from_where_it_was(sign, rest):
+    """After 1000 events and a part of a threshold more, the rest of that threshold is due; nothing was left out."""
+    bench = Benchtop(with_stages(), 3, on=1e-3, off=1e-3)
+    bench.to(0, 0.0)
+    assert len(bench.to(1_000_000, sign * (1000 + rest) * 1e-3)) == 3000
+    assert len(bench.to(2_000_000, sign * (1000.98) * 1e-3)) == 0
+    events = bench.to(3_000_000, sign * 1001.02e-3)
+    assert sorted(events["x"]) == [0, 1, 2] and set(events["on"]) == {sign > 0}
