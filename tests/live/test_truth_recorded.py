@@ -16,6 +16,7 @@ from clsim.live.settings import OutputSettings
 from clsim.sensor import SensorSettings
 from clsim.sensor.pixel_stages import Leak
 from clsim.truth.names import TRUTH_NAMES
+from clsim.truth.recording import read_recording
 
 SIZE = (32, 24)
 
@@ -52,6 +53,22 @@ def test_truth_stands_beside_the_same_events(tmp_path: Path) -> None:
                 assert np.array_equal(other.truth("ids")["object"], known)
         assert np.abs(file["frames/intensity"][0]).max() > 0.1
         assert not file["frames/backward_flow_valid"][0].any() and file["frames/backward_flow_valid"][1].all()
+
+
+def test_things_have_a_track_if_they_move(tmp_path: Path) -> None:
+    """One that stands still has its pose at the start alone, and is not among those that move when read again."""
+    scene, path = tmp_path / "scene.toml", tmp_path / "run.h5"
+    ways = {"near": "", "far": "orbit = { center = [0.0, 0.0, 0.0], radius_m = 1.0, period_s = 2.0 }\n", "low": ""}
+    boxes = (f'[[objects]]\nname = "{name}"\nshape = "box"\n{way}' for name, way in ways.items())
+    scene.write_text("[camera]\nposition = [0.0, 0.0, 5.0]\n[environment]\nradiance = [1, 1, 1]\n" + "".join(boxes))
+    few = {"resolution": (8, 6), "frame_count": 3, "method": "esim", "spp": 1}
+    with clsim.stream(str(scene), **few, truth="poses", outputs=str(path)) as stream:
+        list(stream)
+    with h5py.File(path) as file:
+        tracks = {group.attrs["name"]: len(group["t"]) for group in file["poses"].values()}
+        assert set(tracks) == {"camera", "far"} and len(set(tracks.values())) == 1 and tracks["far"] >= 3
+        assert len(file["objects/pose"]) == len(ways)
+    assert read_recording(str(path)).about.moving == ("far",)
 
 
 def test_another_seed_is_other_noise_of_the_inertial_sensor(tmp_path: Path) -> None:

@@ -76,6 +76,11 @@ def test_a_camera_is_as_fast_as_most_of_what_it_sees():
         things = (*still.instances * 16, *[Instance(0, Static(ahead))] * nearer)
         seen = replace(still, instances=things, camera=replace(still.camera, motion=along))
         assert camera_px_s(seen) == pytest.approx(px_s, rel=1e-3), "one in seventeen is few, four in twenty are not"
+    aside = np.eye(4)
+    aside[:3, 3] = 10.0, 0.0, 3.0
+    out_of_sight = replace(still, instances=(*still.instances, *[Instance(0, Static(aside))] * 9))
+    out_of_sight = replace(out_of_sight, camera=replace(still.camera, motion=along))
+    assert camera_px_s(out_of_sight) == pytest.approx(75.0, rel=1e-3), "what is beside the picture tells nothing"
     rolls = replace(still.camera, motion=Roll(5.0))
     assert camera_px_s(replace(still, camera=rolls)) == pytest.approx(10 * math.pi * math.sqrt(2) * 25, rel=1e-3)
     assert camera_px_s(still) == camera_px_s(world(Spin(5.0))) == 0.0

@@ -2,12 +2,18 @@
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
+from clsim.frames import Frame
+from clsim.frames.exr import ExrWriter
 from clsim.live.pacing.schedule import Continuity, Schedule, plan, truth_every
+from clsim.live.recording_options import RecordingOptions
+from clsim.live.session import open_recording
 
 
 @example(29, 100.0)  # .29 · 100 is less than 29
@@ -66,3 +72,15 @@ def test_what_shall_begin_anew_does_so_at_the_first_frame_from_then_on(asked: tu
     shown = (0, 2, 5, 6, 10, 11)
     expected = [any(before < index <= now for index in asked) for before, now in zip((-1, *shown), shown, strict=False)]
     assert [seen.breaks(index) for index in shown] == expected
+
+
+@pytest.mark.parametrize(("rendered", "runs_at"), [(60.0, 60.0), (None, 1e6 / 16_667), (61.0, 1e6 / 16_667)])
+def test_a_recording_runs_at_the_rate_it_was_rendered_by(tmp_path, rendered, runs_at) -> None:
+    """Times of frames are whole µs: they tell 60 a second as 59.9988. A rate that they do not fit is not believed."""
+    writer = ExrWriter(tmp_path)
+    for index, time_us in enumerate((0, 16_667, 33_333)):
+        writer.write(Frame(np.ones((3, 4, 6), np.float32), ("R", "G", "B"), time_us, index))
+    options = RecordingOptions(str(tmp_path), DetectorConfig(method="esim"), rendered_fps=rendered)
+    session = open_recording(options)
+    session.run()
+    assert session.schedule.fps == runs_at
