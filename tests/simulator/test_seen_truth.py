@@ -36,6 +36,18 @@ def test_truth_stays_what_it_was_when_a_step_follows(tmp_path: Path) -> None:
         assert all((told[name] == kept[name]).all() for name in kept)
 
 
+def test_a_pose_may_come_for_a_time_that_truth_has_looked_ahead_to(tmp_path: Path) -> None:
+    """Flow leads to the next frame at `fps`, 5 ms on: by what is known then, the box stays. Later it is told to go."""
+    found = []
+    for names in (("depth",), ("depth", "flow")):
+        with simulator(tmp_path, truth=names) as run:
+            run.step(0)
+            run.set_pose("box", ((0.5, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+            found.append((run.step(5_000), run.truth("depth")["depth"]))
+    (events, depth), (ahead_events, ahead_depth) = found
+    assert len(events) > 20 and np.array_equal(events, ahead_events) and np.array_equal(depth, ahead_depth)
+
+
 @pytest.mark.parametrize("name", ["imu", "poses", "image"])
 def test_truth_that_only_recordings_have_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match=f"must be of all, none, intensity, depth, .*, got '{name}'"):
