@@ -73,6 +73,19 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
         clsim.load_scene(rig(tmp_path, '[[cameras]]\nname = "../up"'))
 
 
+@pytest.mark.parametrize("shutters", [(0.0, 0.004), (0.004, 0.002)])
+def test_cameras_of_a_rig_may_expose_for_different_times(tmp_path: Path, shutters: tuple[float, float]) -> None:
+    """The scene is there for the longest of them, whichever camera has it; where nothing moves no event fires."""
+    lines = RIG.replace('"left"', f'"left"\nshutter_s = {shutters[0]}').replace("MORE", f"shutter_s = {shutters[1]}")
+    still = ("position = [0.2, 1.5, 3.6]" if line.startswith("keyframes") else line for line in lines.splitlines())
+    scene = tmp_path / "rig.toml"
+    scene.write_text("\n".join(still))
+    sessions = open_rig(LiveOptions(str(scene), frame_count=3, quality="draft"))
+    run_all(sessions)
+    assert [session.summary().frames for session in sessions] == [3, 3]
+    assert [session.summary().events for session in sessions] == [0, 0]
+
+
 @pytest.mark.slow
 def test_each_camera_has_a_sensor_and_an_imu_of_its_own(tmp_path: Path) -> None:
     """Noise that two cameras share, to the microsecond, would be depth without end to who compares them."""

@@ -166,6 +166,17 @@ def test_of_two_poses_for_one_time_the_later_one_holds(tmp_path: Path, at_us: in
         assert run.pose("box", 0)[0, 3] == 0.0, "where it began"
 
 
+@pytest.mark.parametrize("at_us", [None, 7_000])
+def test_a_camera_may_be_put_by_the_axes_of_either_kind(tmp_path: Path, at_us: int | None) -> None:
+    """By one +y is up and it looks along −z, by the other +y is down and it looks along +z: half a turn about x."""
+    pose = np.array([[0.0, 0.0, 1.0, 0.2], [1.0, 0.0, 0.0, 0.4], [0.0, 1.0, 0.0, 3.0], [0.0, 0.0, 0.0, 1.0]])
+    for axes, turn in (("opengl", (1.0, 1.0, 1.0, 1.0)), ("opencv", (1.0, -1.0, -1.0, 1.0))):
+        with stage.simulator(tmp_path) as run:
+            run.set_camera(pose @ np.diag(turn), at_us, axes=axes)
+            run.step(10_000)
+            np.testing.assert_allclose(run.pose("camera", 9_999), pose, atol=1e-3 if at_us is None else 1e-12)
+
+
 def test_who_changes_a_pose_that_was_told_moves_nothing(tmp_path: Path) -> None:
     with stage.simulator(tmp_path) as run:
         for name in ("floor", "box", "lamp", "camera"):
