@@ -119,6 +119,23 @@ def test_a_rig_needs_cameras() -> None:
         clsim.RigSimulator("two-boxes")
 
 
+@pytest.mark.parametrize("shutters", [(0.0, 0.004), (0.004, 0.002)])
+def test_cameras_may_expose_for_different_times(tmp_path: Path, shutters: tuple[float, float]) -> None:
+    """The scene is there for the longest of them, whichever camera has it; where nothing moves no event fires."""
+    path = tmp_path / "still.toml"
+    path.write_text(
+        "[camera]\nresolution = [32, 24]\nposition = [0.0, 1.5, 3.6]\nlook_at = [0.0, 0.4, 0.0]\n"
+        "[environment]\nradiance = [0.5, 0.5, 0.5]\n[materials.floor]\n"
+        "checker = { color_a = [0.75, 0.72, 0.68], color_b = [0.16, 0.17, 0.2], squares_per_m = 2.5 }\n"
+        '[[objects]]\nname = "floor"\nshape = "quad"\nsize = [12.0, 12.0]\nmaterial = "floor"\n'
+    )
+    still = clsim.load_scene(path)
+    mounts = tuple(replace(mount, shutter_s=shutter_s) for mount, shutter_s in zip(MOUNTS, shutters, strict=True))
+    with clsim.RigSimulator(replace(still, rig=mounts), fps=FPS, quality="draft") as rig:
+        assert {name: len(events) for name, events in rig.step(END_US).items()} == {"left": 0, "right": 0}
+        assert all(rig.frame(name).planes.any() for name in rig.cameras)
+
+
 @pytest.mark.slow
 def test_a_camera_that_exposes_longer_than_the_others_blurs_as_it_does_alone(tmp_path: Path) -> None:
     """A box goes by: its picture in the camera that exposes is that of this camera on its own, driven and live."""
