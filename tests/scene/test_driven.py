@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from clsim.errors import InputError
-from clsim.scene import Static
-from clsim.scene.driven import Driven, matrix_of, read_place, stands_still
+from clsim.scene import Camera, Instance, Static, World
+from clsim.scene.driven import Driven, matrix_of, placed, read_place, stands_still, with_driven
+from clsim.scene.motion import Attached, Nested
 
 TURN = Rotation.from_euler("xyz", (20, -70, 130), degrees=True)
 
@@ -87,3 +88,19 @@ def test_a_place_keeps_any_scale_however_near_to_1(scale, seed):
     """A thing that grows slowly must not wait until it has grown by a percent."""
     pose = matrix((1, 2, 3), Rotation.random(random_state=seed), scale)
     np.testing.assert_allclose(matrix_of(read_place("pose", pose)), pose, atol=2e-6 * scale)
+
+
+@pytest.mark.parametrize("depth", [0, 1, 2])
+def test_a_part_that_moves_in_itself_goes_with_the_whole_that_is_driven(depth):
+    """However many motions are in one another: it keeps its place in the whole, and what it does there."""
+    own, offset = matrix((0, 1, 0), TURN), matrix((3, 0, 0), TURN.inv())
+    part = Attached(Static(matrix((9, 9, 9), TURN)), offset)
+    for _ in range(depth):
+        part = Nested(part, Static(own))
+    world = World("thing", Camera(4, 3, 50.0, Static(np.eye(4))), (), (Instance(0, part, "arm/hand"),), ())
+    driven = {"arm": Driven(placed(world)["arm"])}
+    hand = with_driven(world, driven).instances[0].motion
+    wanted = offset @ np.linalg.matrix_power(own, depth)
+    np.testing.assert_allclose(hand.pose(1.0), matrix((9, 9, 9), TURN) @ wanted, atol=1e-12)
+    driven["arm"].set(0.0, read_place("pose", matrix((1, 2, 3), TURN * TURN)))
+    np.testing.assert_allclose(hand.pose(1.0), matrix((1, 2, 3), TURN * TURN) @ wanted, atol=1e-9)
