@@ -3,6 +3,7 @@
 import threading
 import time
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -315,3 +316,18 @@ def test_with_cores_of_their_own_it_is_the_time_of_the_slower_one() -> None:
         assert meter.lap() == 3.0
         clock.now = 6.0
     assert meter.lap() == 0.5
+
+
+def test_noise_is_told_by_pixels_without_a_past_where_their_samples_become_others() -> None:
+    """As the detector takes that frame for a first one, so does what compares pixels that are sampled twice."""
+    source, detector, seen = SteeredSource(), InterestedDetector(), []
+    source.sampled_twice = lambda frame: len(source.filled)
+    changes = iter([False, False, False, True, False, False])
+    governed = SimpleNamespace(one_in=1, apply=lambda source: next(changes), frame_done=lambda *args, **more: None)
+    twice = SimpleNamespace(take=lambda frame, _: seen.append(frame), restart=lambda: seen.append("anew"))
+    twice.noise_share = 0.25
+    pipeline = adaptive(plan(1.0, 20.0, frames=6), source, detector, governed=governed, duplicates=twice)
+    pipeline.start()
+    assert pipeline.wait(20)
+    assert seen == [1, 2, 3, "anew", 4, 5, 6] and detector.reset_before == [3]
+    assert pipeline.progress.noise_share == 0.25

@@ -62,6 +62,20 @@ def test_u_and_v_run_in_metres_and_not_mirrored(mesh):
         assert np.linalg.det([uv[1] - uv[0], uv[2] - uv[0]]) > 0
 
 
+@pytest.mark.parametrize("radius_m", [0.5, 2.0])
+def test_u_and_v_of_a_sphere_run_in_metres_along_equator_and_meridians(radius_m):
+    """From outside a picture is not mirrored, and is upright: v grows from the south pole to the north."""
+    mesh = shapes.sphere(radius_m, 64)
+    places, (u, v) = mesh.vertices.astype(float), mesh.uvs.astype(float).T
+    np.testing.assert_allclose(
+        v, radius_m * (math.pi / 2 + np.arcsin(np.clip(places[:, 1] / radius_m, -1, 1))), atol=1e-3
+    )
+    assert (u.min(), u.max()) == pytest.approx((0.0, 2 * math.pi * radius_m), rel=1e-6)
+    for triangle in mesh.triangles:
+        corners = mesh.uvs[triangle].astype(float)
+        assert np.linalg.det([corners[1] - corners[0], corners[2] - corners[0]]) > 0
+
+
 @given(linear)
 def test_transformed_normals_stay_perpendicular_to_their_triangles(matrix):
     """The normals of a box are those of its faces, before and after any transform that leaves it some volume."""
