@@ -60,6 +60,28 @@ def test_detection_in_pictures_is_repeated_from_its_sidecar(
     assert Path("d.csv").read_text() != Path("b.csv").read_text()
 
 
+@pytest.mark.parametrize(
+    ("first", "beside", "alone"),
+    [
+        (("--times", "times.txt"), ("--fps", "50"), ("--fps", "50")),
+        (("--fps", "50"), ("--times", "times.txt"), ("--times", "times.txt")),
+        (("--fps", "50", "--transfer", "srgb"), ("--like", "v2e"), ("--fps", "50", "--like", "v2e")),
+    ],
+)
+def test_what_is_given_beside_a_sidecar_takes_the_place_of_what_says_the_same(
+    clsim: Callable[..., object], pictures: Path, monkeypatch: pytest.MonkeyPatch,
+    first: tuple[str, ...], beside: tuple[str, ...], alone: tuple[str, ...],
+) -> None:  # fmt: skip
+    """When pictures are is told by a rate or by times; how light is decoded, by itself or by whom results are like."""
+    monkeypatch.chdir(pictures.parent)
+    runs = {"a": ("pictures", *first), "b": ("--config", "a.csv.json", *beside), "c": ("pictures", *alone)}
+    for name, options in runs.items():
+        outcome = clsim("detect", *options, "--threshold", "0.02", "--out", f"{name}.csv")
+        assert outcome.status == 0, outcome.stderr
+    assert Path("c.csv").stat().st_size > 100
+    assert Path("a.csv").read_bytes() != Path("b.csv").read_bytes() == Path("c.csv").read_bytes()
+
+
 def test_detection_in_rendered_frames_is_repeated_from_its_sidecar(
     clsim: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,6 +1,7 @@
 """The checks that every world must pass; each case breaks a good world in one place."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -135,6 +136,14 @@ def test_each_fault_is_named_with_file_and_part(world, parts):
     assert message.startswith("file.x: ")
     for part in parts:
         assert part in message
+
+
+@pytest.mark.parametrize("wrong_s", [0.0, 1.0, 2.0])
+def test_a_motion_must_have_a_pose_at_its_start_its_middle_and_its_end(wrong_s):
+    """One that comes from a program may be wrong at some times and not at others."""
+    motion = SimpleNamespace(duration_s=2.0, pose=lambda time_s: np.eye(4) * (np.nan if time_s == wrong_s else 1.0))
+    with pytest.raises(InputError, match=f"its pose at {wrong_s:g} s has a number that is not finite"):
+        validate(with_camera(motion=motion), "file.x")
 
 
 def test_several_faults_are_told_together_but_not_without_end():
