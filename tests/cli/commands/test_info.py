@@ -225,15 +225,16 @@ def test_statistics_of_a_recording_and_against_another(clsim, tmp_path):
         assert refused.status == 2 and name in refused.stderr and "recording" in refused.stderr
 
 
-def test_a_long_recording_begins_with_its_first_event(clsim, tmp_path):
+@pytest.mark.parametrize("start_us", [0, 5_000_000])
+def test_a_long_recording_begins_with_its_first_event(clsim, tmp_path, start_us):
     """It is read in portions."""
     events = np.zeros(40_000, EVENT_DTYPE)
-    events["t"] = 5_000_000 + 100 * np.arange(len(events))
+    events["t"] = start_us + 100 * np.arange(len(events))
     events["x"][0], events["y"][1], events["on"][:10_000] = 19, 9, True
     sink = open_sink(tmp_path / "a.aedat4", 20, 10, flush=FlushPolicy(events=1000))
     sink.write(events, end_of(events))
     sink.close()
     facts = told(clsim, tmp_path / "a.aedat4")["events"]
-    assert (facts["first_us"], facts["last_us"]) == (5_000_000, 8_999_900)
+    assert (facts["first_us"], facts["last_us"]) == (start_us, start_us + 3_999_900)
     assert facts["farthest_pixel"] == [19, 9] and facts["on_share"] == 0.25
     assert facts["duration_s"] == pytest.approx(3.9999) and facts["events_per_s"] == pytest.approx(40_000 / 3.9999)

@@ -1,7 +1,7 @@
 """Where the sun stands, how bright sky and sun are, and what scenes say of them."""
 
 import math
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,18 @@ def test_the_sun_stands_where_it_should(
     found = angles(sun_at(latitude, longitude, time, zone))
     assert found[0] == pytest.approx(height, abs=0.1)
     assert (found[1] - azimuth + 180) % 360 - 180 == pytest.approx(0.0, abs=0.5)
+
+
+def test_the_sun_goes_evenly_second_by_second() -> None:
+    """At the equator, at the equinox, it rises by 15″ in each: over the end of a minute, of an hour and of a day."""
+    for start in (
+        datetime(2024, 3, 20, 8, 59, 55),
+        datetime(2024, 3, 20, 9, 30, 55),
+        datetime(2024, 3, 20, 23, 59, 55),
+    ):
+        ways = [np.array(sun_at(0.0, 0.0, start + timedelta(seconds=k))) for k in range(12)]
+        turned_deg = np.degrees(np.linalg.norm(np.diff(ways, axis=0), axis=1))
+        np.testing.assert_allclose(turned_deg, 15 / 3600, rtol=0.01)
 
 
 def day(height_deg: float, **more: float) -> Daylight:
