@@ -3,10 +3,14 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from rich.console import Console
 
 from clsim import scenes
+from clsim.cli.commands import render
 from clsim.cli.commands.detect import detector_config
 from clsim.cli.options.config import live_options
 from clsim.detect.config import DetectorConfig
@@ -38,6 +42,17 @@ def test_rendered_and_detected_frames_give_the_events_of_the_live_run(
     outcome = clsim("detect", tmp_path / "frames", "--out", detected)
     assert outcome.status == 0, outcome.stderr
     assert live.stat().st_size > 0 and detected.read_bytes() == live.read_bytes()
+
+
+def test_what_is_traced_between_frames_stands_in_the_file_of_the_later_one(tmp_path: Path) -> None:
+    """Before the first frame there is nothing."""
+    frames = [(Frame(np.ones((3, 4, 6), np.float32), ("R", "G", "B"), 1000 * k, k), {"x": [k] * k}) for k in range(3)]
+    each = [(frame, SimpleNamespace(as_dict=lambda traced=traced: traced)) for frame, traced in frames]
+    rendering = SimpleNamespace(frames_and_requests=lambda: iter(each), frame_count=3, between=True)
+    assert render._write_frames(rendering, ExrWriter(tmp_path), Console(stderr=True)) == 3  # type: ignore[arg-type]
+    found = {file.name: np.load(file)["x"].tolist() for file in sorted(tmp_path.glob("*.npz"))}
+    assert found == {"between-000001.npz": [1], "between-000002.npz": [2, 2]}
+    assert len(list(tmp_path.glob("*.exr"))) == 3
 
 
 def test_frames_tell_how_they_were_made(clsim: Callable[..., object], tmp_path: Path) -> None:
