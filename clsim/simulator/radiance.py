@@ -105,8 +105,10 @@ class RadianceCamera:
         if self._closed:
             raise Error("the camera is closed")
         t_us = read_value("t_us", t_us, int)
-        if not 0 <= t_us <= _LATEST_US:
-            raise InputError(f"`t_us` must be 0 or later, and at most {_LATEST_US}, got {t_us}")
+        if t_us < 0:
+            raise InputError(f"`t_us` must be 0 or later, got {t_us}")
+        if t_us > _LATEST_US:
+            raise InputError(f"`t_us` must be at most {_LATEST_US}, got {t_us}")
         if self.time_us is not None and t_us <= self.time_us:
             raise InputError(f"`t_us` must be after the picture before, at {self.time_us} µs, got {t_us}")
         planes = self._planes(on_host(radiance))
