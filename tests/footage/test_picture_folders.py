@@ -107,9 +107,9 @@ def test_a_pattern_that_matches_several_films_is_refused(tmp_path, names, patter
 
 
 def test_a_folder_for_each_picture_is_ordered_by_its_number(tmp_path):
-    for k in (10, 2, 1, 30, 3):
+    for k in (10, 2, 1, 30, 3, 1002):
         (tmp_path / f"frame{k}").mkdir()
-        PIL.Image.fromarray(np.full((6, 8), k, np.uint8)).save(tmp_path / f"frame{k}" / "image.png")
+        PIL.Image.fromarray(np.full((6, 8), 7, np.uint8)).save(tmp_path / f"frame{k}" / "image.png")
     assert [file.parent.name for file in picture_files(tmp_path / "*" / "image.png")] == [
-        f"frame{k}" for k in (1, 2, 3, 10, 30)
+        f"frame{k}" for k in (1, 2, 3, 10, 30, 1002)
     ]

@@ -68,10 +68,11 @@ def test_a_given_frame_rate_overrides_the_times_of_the_files(tmp_path):
     assert [frame.time_us for frame in ExrSequence(tmp_path, fps=30)] == [0, 33333, 66667]
 
 
-def test_two_files_tell_how_many_there_are_a_second(tmp_path):
+@pytest.mark.parametrize("begin_us", [0, 40_000])
+def test_two_files_tell_how_many_there_are_a_second(tmp_path, begin_us):
     writer = ExrWriter(tmp_path)
     for index in range(2):
-        writer.write(Frame(np.ones((3, H, W), dtype=np.float32), ("R", "G", "B"), 8000 * index, index))
+        writer.write(Frame(np.ones((3, H, W), dtype=np.float32), ("R", "G", "B"), begin_us + 8000 * index, index))
     assert ExrSequence(tmp_path).recorded_fps == 125.0
 
 

@@ -95,6 +95,14 @@ def test_abandon_wakes_a_waiting_producer() -> None:
     assert ended.is_set()
 
 
+def test_frames_that_wait_are_not_taken_any_more_once_one_side_stops() -> None:
+    ring = ring_of(2)
+    produce(ring, 0)
+    ring.abandon()
+    with pytest.raises(RingClosed):
+        ring.take()
+
+
 def test_failure_reaches_the_other_side() -> None:
     ring = ring_of(2)
     ring.fail(KeyError("lost"))

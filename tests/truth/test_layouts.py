@@ -106,6 +106,16 @@ def test_rectification_is_the_identity(tmp_path: Path) -> None:
     assert mapped.shape == (recordings.HEIGHT, recordings.WIDTH, 2) and mapped[5, 9].tolist() == [9.0, 5.0]
 
 
+def test_truth_of_a_rig_in_dsecs_layout_is_that_of_its_left_view(tmp_path: Path) -> None:
+    """Both views go to one folder, and DSEC has disparity, flow and ids of the left alone."""
+    truth = []
+    for seed, side in enumerate(("left", "right")):
+        recordings.feed(open_layout(str(tmp_path / "run.dsec"), recordings.about(side=side)), seed=seed)
+        files = sorted((tmp_path / "run.dsec").rglob("*.png"))
+        truth.append({file: file.read_bytes() for file in files if "images" not in file.parts})
+    assert truth[0] == truth[1] and len(truth[0]) > 5
+
+
 def test_tonic_reads_tum_vie(tmp_path: Path) -> None:
     """Both sides of a rig go to one folder; the reader wants it among its own downloads, from which it reads on."""
     tumvie = pytest.importorskip("tonic.datasets.tum_vie").TUMVIE

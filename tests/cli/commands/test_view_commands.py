@@ -200,6 +200,7 @@ def test_a_bare_view_means_the_page(typed: list[str], meant: list[str], monkeypa
         ("8080", {"host": "127.0.0.1", "port": 8080}),
         ("0.0.0.0:80", {"host": "0.0.0.0", "port": 80}),
         ("[::1]:0", {"host": "::1", "port": 0}),
+        ("65535", {"host": "127.0.0.1", "port": 65535}),
     ],
 )
 def test_ports(text: str | None, meant: dict[str, object]) -> None:

@@ -62,6 +62,8 @@ def test_a_gif_holds_every_picture_in_its_own_colours(tmp_path: Path) -> None:
         for k, wanted in enumerate(expected):
             film.seek(k)
             duration_ms += film.info["duration"]
+            # To a hundredth of a second, which is the finest that a GIF tells.
+            assert duration_ms == pytest.approx(1000 * (k + 1) / 30, abs=5.1)
             seen = np.asarray(film.convert("RGB"))
             colours = lut("purple-green")[wanted.astype(int)]
             assert np.array_equal(seen, colours.repeat(2, axis=0).repeat(2, axis=1))
@@ -74,6 +76,16 @@ def test_slow_motion_has_more_pictures_of_less_time_each(tmp_path: Path, speed: 
     count = write_picture(str(tmp_path / "film.gif"), BATCHES, SIZE, Look(), Film(fps=30, speed=speed))
     lasts_s = (int(EVENTS["t"][-1]) - int(EVENTS["t"][0])) * 1e-6
     assert count == pytest.approx(30 * lasts_s / speed, abs=1)
+
+
+def test_a_png_may_show_a_time_shortly_after_the_last_event(tmp_path: Path) -> None:
+    """Whose window still holds some; farther on there is nothing to see."""
+    last_us = int(EVENTS["t"][-1])
+    write_picture(str(tmp_path / "at.png"), BATCHES, SIZE, Look(), Film(), at_us=last_us + 5_000)
+    with Image.open(tmp_path / "at.png") as picture:
+        assert len(set(picture.convert("RGB").getdata())) > 1
+    with pytest.raises(InputError, match="after the end of the recording"):
+        write_picture(str(tmp_path / "late.png"), BATCHES, SIZE, Look(), Film(), at_us=last_us + 900_000)
 
 
 @pytest.mark.parametrize("decay", [False, True])
