@@ -78,6 +78,14 @@ def test_frames_of_a_variable_rate_have_their_own_times(tmp_path):
     assert one["on"].all()
 
 
+def test_a_video_whose_first_frame_comes_late_keeps_its_times(tmp_path):
+    """Of tracks that begin together, the picture may be the later one."""
+    clip = [np.full((HEIGHT, WIDTH), 100, np.uint8)] * 3
+    times = [500, 520, 560]
+    path = write_clip(tmp_path / "a.mkv", clip, times, pixels="gray")
+    assert frame_times(path) == [1000 * time for time in times]
+
+
 def test_times_may_be_given(tmp_path):
     clip = [np.full((HEIGHT, WIDTH), 1000, np.uint16)] * 3
     path = write_clip(tmp_path / "a.mkv", clip, [0, 40, 80], pixels="gray16le")
