@@ -73,6 +73,7 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
         clsim.load_scene(rig(tmp_path, '[[cameras]]\nname = "../up"'))
 
 
+@pytest.mark.slow  # kernels of exposures are compiled
 @pytest.mark.parametrize("shutters", [(0.0, 0.004), (0.004, 0.002)])
 def test_cameras_of_a_rig_may_expose_for_different_times(tmp_path: Path, shutters: tuple[float, float]) -> None:
     """The scene is there for the longest of them, whichever camera has it; where nothing moves no event fires."""

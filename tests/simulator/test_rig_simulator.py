@@ -119,6 +119,7 @@ def test_a_rig_needs_cameras() -> None:
         clsim.RigSimulator("two-boxes")
 
 
+@pytest.mark.slow  # kernels of exposures are compiled
 @pytest.mark.parametrize("shutters", [(0.0, 0.004), (0.004, 0.002)])
 def test_cameras_may_expose_for_different_times(tmp_path: Path, shutters: tuple[float, float]) -> None:
     """The scene is there for the longest of them, whichever camera has it; where nothing moves no event fires."""
