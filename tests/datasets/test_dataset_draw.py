@@ -93,6 +93,8 @@ def test_a_sequence_sees_its_own_parts_values_alone():
         seen[split].add(Drawer(Seeds(), index, 0, split, _PARTS).draw(template, "scene", "scene")["file"])
     assert {name: len(values) for name, values in seen.items()} == {"train": 7, "val": 2, "test": 1}
     assert not seen["train"] & seen["val"] and not seen["test"] & (seen["train"] | seen["val"])
+    # Without parts nothing is held out.
+    assert {draw(index, template=template)["file"] for index in range(300)} == set("abcdefghij")
 
 
 @pytest.mark.parametrize(

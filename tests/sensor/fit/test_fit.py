@@ -140,8 +140,11 @@ def test_thresholds_and_rest_are_found_under_a_lamp(flicker):
 
 
 def test_a_fit_does_not_hang_on_how_a_recording_is_cut(recorded, flicker, still):
+    """Nor on when it begins: a camera may have been on for an hour."""
     whole = np.concatenate(recorded[1])
-    for pieces in ([whole], np.array_split(whole, 7)):
+    later = whole.copy()
+    later["t"] += 3_600_000_000
+    for pieces in ([whole], np.array_split(whole, 7), [later]):
         found = fit_flicker(pieces, WIDTH, HEIGHT, CONTRAST, ~still.hot)
         for name in ("on", "off", "rest_us", "mismatch"):
             assert getattr(found, name) == pytest.approx(getattr(flicker, name), rel=1e-6)
