@@ -1,0 +1,102 @@
+"""What kernels are built for is what a world has: one thing more is one feature more, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clsim.render.features.features import SceneFeatures
+from clsim.render.features.scene_features import scene_features
+from clsim.scene import CheckerTexture, EnvironmentMap, ImageTexture, Material, PunctualLight, SphereLight, Static
+from tests.render import hand_worlds as hw
+from tests.render.motion.test_blur import Glide
+
+GREY = Material(color=(0.5, 0.5, 0.5))
+IMAGE = ImageTexture(np.full((2, 2, 4), 99, np.uint8))
+CHECKS = CheckerTexture((0.1, 0.1, 0.1), (0.9, 0.9, 0.9), 2.0)
+QUAD = hw.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
+SPOT = PunctualLight("spot", (8.0, 8.0, 8.0), Static(np.eye(4)), 0.0, 60.0)
+BALL = SphereLight(0.1, (9.0, 9.0, 9.0), Static(np.eye(4)))
+GLOW: dict[str, Any] = {"color": (0.0, 0.0, 0.0), "emission": (3.0, 3.0, 3.0)}
+PLAIN = hw.world(QUAD, materials=(GREY,), environment=(0.0, 0.0, 0.0))
+METAL = Material(kind="conductor", color=(0.9, 0.9, 0.9), alpha=0.3)
+LIT = {"few_lamps"}
+
+
+def known(world: Any, interval_s: float = 0.0, instants: bool = False) -> dict[str, Any]:
+    found = scene_features(world, interval_s, instants)
+    return {field.name: getattr(found, field.name) for field in fields(SceneFeatures)}
+
+
+def of_material(**more: Any) -> Any:
+    return replace(PLAIN, materials=(replace(GREY, **more),), textures=(IMAGE, IMAGE))
+
+
+WORLDS: dict[str, tuple[Any, set[str]]] = {
+    "an image": (of_material(texture=0), {"textures", "images"}),
+    "another image": (of_material(texture=1), {"textures", "images"}),
+    "checks": (replace(of_material(texture=0), textures=(CHECKS,)), {"textures", "checkers"}),
+    "normals": (of_material(normal_texture=0), {"textures", "images", "normal_maps"}),
+    "a cut": (of_material(alpha_mode="mask"), {"alpha"}),
+    "a black back": (of_material(back="black"), {"dark_backs"}),
+    "no back": (of_material(back="culled"), {"culled_backs"}),
+    "a rough metal": (replace(PLAIN, materials=(METAL,)), {"kinds", "diffuse_lit"}),
+    "a mirror": (replace(PLAIN, materials=(replace(METAL, alpha=0.0),)), {"kinds", "diffuse_lit", "mirrors"}),
+    "another rough metal": (
+        replace(PLAIN, materials=(replace(METAL, distribution="beckmann", stretch=2.0),)),
+        {"kinds", "diffuse_lit", "beckmann", "anisotropic"},
+    ),
+    "a lamp": (of_material(**GLOW), {"triangle_lights", "diffuse_lit", *LIT}),
+    "half a lamp": (
+        of_material(**GLOW, emits_behind=False),
+        {"triangle_lights", "one_sided_lamps", "diffuse_lit", *LIT},
+    ),
+    "a lamp that goes": (
+        hw.world(QUAD, QUAD, materials=(replace(GREY, **GLOW),), motions=[Static(np.eye(4)), Glide()]),
+        {"two_level", "triangle_lights", "still_lamps", "lamps_move", "light_changes", "diffuse_lit", *LIT},
+    ),
+    "a ball that shines": (replace(PLAIN, sphere_lights=(BALL,)), {"sphere_lights", *LIT}),
+    "a ball that goes": (
+        replace(PLAIN, sphere_lights=(replace(BALL, motion=Glide()),)),
+        {"sphere_lights", "lamps_move", "light_changes", *LIT},
+    ),
+    "a spot": (replace(PLAIN, punctual_lights=(SPOT,)), {"punctual_lights", *LIT}),
+    "a slide": (
+        replace(PLAIN, punctual_lights=(replace(SPOT, picture=0, picture_size=(0.5, 0.5)),), textures=(IMAGE,)),
+        {"punctual_lights", "light_pictures", "textures", "images"},
+    ),
+    "a sky": (replace(PLAIN, environment=(0.0, 0.1, 0.0)), {"environment"}),
+    "a picture of a sky": (
+        replace(PLAIN, environment_map=EnvironmentMap(np.ones((2, 4, 3), np.float32), np.eye(3))),
+        {"environment", "environment_map"},
+    ),
+    "a way": (hw.world(QUAD, materials=(GREY,), motions=[Glide()]), {"two_level", "light_changes"}),
+    "smooth normals": (hw.world(hw.ball(1.0, smooth=True), materials=(GREY,)), {"smooth_normals"}),
+    "colours of corners": (
+        hw.world(replace(QUAD, colors=np.ones((4, 3), np.float32)), materials=(GREY,)),
+        {"vertex_colors"},
+    ),
+}
+
+
+@pytest.mark.parametrize("what", sorted(WORLDS))
+def test_one_thing_more_is_one_feature_more(what: str) -> None:
+    world, expected = WORLDS[what]
+    before, found = known(PLAIN), known(world)
+    assert {name for name, value in found.items() if value != before[name]} == expected
+
+
+def test_a_grey_sheet_that_stands_in_the_dark_needs_next_to_nothing() -> None:
+    """Of its lamps, of which there are none, all stand still."""
+    found = {name for name, value in known(PLAIN).items() if value}
+    assert found == {"kinds", "still_lamps", "diffuse_lit"} and known(PLAIN)["kinds"] == ("diffuse",)
+
+
+def test_what_moves_is_blurred_while_a_shutter_is_open_and_placed_for_each_instant() -> None:
+    moving = hw.world(QUAD, materials=(GREY,), motions=[Glide()])
+    for world, moves in ((PLAIN, False), (moving, True)):
+        assert known(world, 0.01)["motion_blur"] is moves and known(world, instants=True)["instants"] is moves
+        assert not known(world)["motion_blur"] and not known(world)["instants"]
