@@ -69,10 +69,12 @@ class Smallest:
     Attributes:
         extents: all that there is.
         sheets: triangles that stand still and may be seen on their edge: corners ``[N, 3, 3]`` in the world [m].
+        sides_m: the longest side of each ``[N]``.
     """
 
     extents: tuple[Extent, ...]
     sheets: F64
+    sides_m: F64
 
     def clear_m(self, places: F64, times_s: F64, narrow: tuple[float, float], pose_at: PoseAt) -> F64:
         """Return how far from each place nothing that is seen is narrow [m].
@@ -84,10 +86,8 @@ class Smallest:
             pose_at: the pose of a motion at a time.
         """
         clear = np.full(len(places), np.inf)
-        wide_to = sorted(
-            ((_wide_to(extent.width_m, narrow), extent) for extent in self.extents), key=lambda pair: pair[0]
-        )
-        for wide_m, extent in wide_to:
+        for extent in sorted(self.extents, key=lambda extent: extent.width_m):
+            wide_m = _wide_to(extent.width_m, narrow)
             if (clear <= wide_m).all():
                 break
             # Parallel rays have no place from which something is far off.
@@ -96,11 +96,13 @@ class Smallest:
             clear = np.minimum(clear, np.maximum(near_m, wide_m))
         if not len(self.sheets):
             return clear
+        if not narrow[0]:
+            return np.zeros(len(places))
         step = max(1, _MOST_AT_ONCE // len(self.sheets))
-        batches = [self._edges_m(places[first : first + step], narrow) for first in range(0, len(places), step)]
+        batches = [self._edges_m(places[first : first + step], narrow[0]) for first in range(0, len(places), step)]
         return np.asarray(np.minimum(clear, np.concatenate([np.zeros(0), *batches])))
 
-    def _edges_m(self, places: F64, narrow: tuple[float, float]) -> F64:
+    def _edges_m(self, places: F64, narrow_rad: float) -> F64:
         """Return how far from each place ``[K, 3]`` the nearest sheet is that is seen on its edge."""
         ways = self.sheets - places[:, None, None]
         lengths = np.maximum(np.linalg.norm(ways, axis=3), 1e-30)
@@ -109,12 +111,9 @@ class Smallest:
         off = np.abs((a * np.cross(b, c)).sum(axis=2))
         cosines = [(one * other).sum(axis=2) for one, other in ((a, b), (b, c), (c, a))]
         longest = np.sqrt(np.maximum(1.0 - np.square(cosines).min(axis=0), 0.0))
-        if not narrow[0]:
-            return np.zeros(len(places))
-        on_edge = off < np.sin(narrow[0]) * longest
+        on_edge = off < np.sin(narrow_rad) * longest
         # No point of a triangle is nearer than its farthest corner less its longest side.
-        sides = np.linalg.norm(np.roll(self.sheets, -1, axis=1) - self.sheets, axis=2).max(axis=1)
-        near = np.maximum(lengths.max(axis=2) - sides, 0.0)
+        near = np.maximum(lengths.max(axis=2) - self.sides_m, 0.0)
         return np.asarray(np.where(on_edge, near, np.inf).min(axis=1))
 
 
@@ -128,7 +127,7 @@ def smallest_of(placement: Placement, sphere_lights: Iterable[SphereLight]) -> S
     for instance in placement.instances:
         mesh = placement.meshes[instance.mesh]
         if moving > _MOST_MOVING or deforms(mesh):
-            return Smallest((Extent(0.0, instance.motion, None),), sheets[0])
+            return Smallest((Extent(0.0, instance.motion, None),), sheets[0], np.zeros(0))
         if len(mesh.triangles) > _MOST_TRIANGLES:
             extents.append(Extent(0.0, instance.motion, box(mesh)))
             continue
@@ -142,7 +141,8 @@ def smallest_of(placement: Placement, sphere_lights: Iterable[SphereLight]) -> S
         extents.append(Extent(width_m, instance.motion, box(mesh)))
         if width_m > 0.0:
             sheets.append(corners[thin] @ pose[:3, :3].T + pose[:3, 3])
-    return Smallest(tuple(extents), np.concatenate(sheets))
+    found = np.concatenate(sheets)
+    return Smallest(tuple(extents), found, _heights(found)[1])
 
 
 def _wide_to(width_m: float, narrow: tuple[float, float]) -> float:
