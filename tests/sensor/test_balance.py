@@ -28,8 +28,10 @@ ALL_BUT_NOISE = SensorSettings(
     defects=Defects(hot_share=0.2, hot_hz=300.0, dead_share=0.1),
     delay=Delay(1e-6, 1e-6),
 )
-FRONT_ERROR = 1.5e-3
-"""By which the front end may err within a piece [natural-log units]; at its ends it errs by less than 1e-3."""
+FRONT_ERROR = 1e-3
+"""By which the front end may err [natural-log units]."""
+BENT_LATE = 1.5e-3
+"""The same within a piece that begins straight and bends later."""
 PIXELS = 24
 PATHS = st.lists(
     st.tuples(st.floats(-1.5, 1.5), st.lists(st.tuples(st.integers(1, 3_999_999), st.floats(-1.5, 1.5)), max_size=2)),
@@ -154,4 +156,4 @@ def test_filtered_pixels_fire_as_the_reference_does(path, rest_us):
     errors = abs(found["t"] * 1e-6 - times)
     # An event that is early ends its rest early, where the level, which is the next reference, may be steep.
     carried = np.append(0.0, errors * at_release)[:-1] if rest_us else 0.0
-    assert (errors < 1.5e-6 + (FRONT_ERROR + carried) / np.maximum(steep, 1.0)).all()
+    assert (errors < 1.5e-6 + (BENT_LATE + carried) / np.maximum(steep, 1.0)).all()
