@@ -129,6 +129,13 @@ class SceneData:
         """Return where all that moves is now."""
         return self._geometry.places(self._time_s)
 
+    def moving_boxes(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Return lower and upper corners ``[n, 3]`` of boxes around what moves, and around all sphere lights.
+
+        They are relative to the origin, and hold all the places to which `move_to` put them last.
+        """
+        return self._geometry.boxes_of_moving()
+
     def lamp_poses(self) -> npt.NDArray[np.float64]:
         """Return where what moves and shines is now ``[n, 4, 4]``; another array at each time where it deforms."""
         poses = [self._pose(motion, self._time_s or 0.0) for motion in self._lamp_motions]

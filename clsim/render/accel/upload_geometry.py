@@ -182,6 +182,14 @@ class GeometryData:
             into = into_boxes(self._moving_poses, own[:, 0], own[:, 1])
         return Places(time_s, len(self._instances), self.moving, self._deforms, self._moving_poses, boxes, into)
 
+    def boxes_of_moving(self) -> tuple[_F64, _F64]:
+        """Return corners ``[n, 3]`` of the boxes around what moves and all sphere lights, at the last times."""
+        lowers, uppers = self.moving_boxes
+        if self._sphere_lights:
+            low, high = self._sphere_corners
+            lowers, uppers = np.concatenate([lowers, low]), np.concatenate([uppers, high])
+        return lowers, uppers
+
     def update(self, times_s: _F64) -> None:
         """Move everything to where it is at those times, the keys of the interval; work only where something moves."""
         for entry, (key, deforming) in self._deforming.items():
@@ -213,8 +221,10 @@ class GeometryData:
             spheres, sphere_steps = self._sphere_rows(times_s)
             write(self._spheres, spheres)
             write(self._sphere_steps, sphere_steps)
+            if self._sphere_lights:
+                self._sphere_corners = self._sphere_bounds(spheres, sphere_steps)
             if self._features.sphere_tree:
-                for corners, there in zip(self._sphere_boxes, self._sphere_bounds(spheres, sphere_steps), strict=True):
+                for corners, there in zip(self._sphere_boxes, self._sphere_corners, strict=True):
                     corners.assign(there)
                 self._sphere_tree.rebuild()
 
@@ -247,9 +257,12 @@ class GeometryData:
             self._spheres = array(spheres, wp.vec4, self._device)
             self._sphere_steps = array(sphere_steps, wp.vec3, self._device)
             geometry.spheres, geometry.sphere_steps = self._spheres, self._sphere_steps
+            if self._sphere_lights:
+                self._sphere_corners = self._sphere_bounds(spheres, sphere_steps)
             if self._features.sphere_tree:
-                bounds = self._sphere_bounds(spheres, sphere_steps)
-                self._sphere_boxes = [array(corners, wp.vec3, self._device) for corners in bounds]
+                self._sphere_boxes: list[Any] = [
+                    array(corners, wp.vec3, self._device) for corners in self._sphere_corners
+                ]
                 self._sphere_tree: Any = wp.Bvh(*self._sphere_boxes)
                 geometry.sphere_tree = self._sphere_tree.id
 

@@ -103,6 +103,7 @@ class Tiles:
         most: int,
         size: int | None,
         count: str | None = None,
+        least: int = _LEAST_TILE,
     ) -> None:
         """Record a launch for each thread, since its arguments change.
 
@@ -114,12 +115,14 @@ class Tiles:
             size: pixels in a launch at most; None takes all.
             count: the kernel's argument that tells how many pixels one of its threads takes, one after the other: all
                 of a tile on a CPU, else 1. None where each has a thread of the kernel.
+            least: pixels in a launch at least, if there are as many.
         """
         self.size = min(size or most, most)
         self._offset = offset
         self._count = count if threads.on_cpu else None
         self._threads = threads
-        most_tiles = -(-most // min(self.size, _LEAST_TILE))
+        self._least = least
+        most_tiles = -(-most // min(self.size, least))
         self._launches = [make_launch(self.size) for _ in range(min(threads.count, most_tiles))]
         self._places = {each.label: place for place, each in enumerate(self._launches[0].kernel.adj.args)}
 
@@ -133,7 +136,7 @@ class Tiles:
         """
         size = self.size
         if self._threads.count > 1:
-            size = min(size, max(_LEAST_TILE, -(-(end - begin) // (_TILES_EACH * self._threads.count))))
+            size = min(size, max(self._least, -(-(end - begin) // (_TILES_EACH * self._threads.count))))
         firsts = range(begin, end, size)
         self._set(changed)
         # next() of a range iterator is one step of the interpreter, so that threads may share it.

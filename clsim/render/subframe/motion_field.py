@@ -1,9 +1,9 @@
-# ruff: noqa: SIM102
+# ruff: noqa: SIM102, UP018, RUF046
 """The motion field: where on the image surfaces go in a step of time, by single rays, as Warp kernels.
 
 What the ray meets is carried to the other instant by its instance's motion, and projected there; unless the camera is a
 pinhole or orthographic, by Newton's method on its rays, so that every lens has its projection. On what deforms it goes
-where its place on its triangle goes.
+where its place on its triangle goes. Rays that meet no box of what moves are few, and none if the camera stands.
 """
 
 from typing import Any
@@ -33,14 +33,19 @@ _LONGEST_PX = wp.constant(4000.0)
 
 @one_at_a_time
 def build_motion_field(features: Features, tree: Tree) -> Any:
-    """Return the kernel ``follow(scene, camera, settings, blocks, spacing, start, at, seen, places, out_ways)``.
+    """Return the kernel ``follow``.
 
-    A thread is ``blocks`` blocks: on a CPU arguments are copied for each thread. A block is ``spacing`` pixels wide and
+    A thread is ``count`` blocks: on a CPU arguments are copied for each thread. A block is ``spacing`` pixels wide and
     high, and one pixel of it is followed: the first, or in every other block, as on a chessboard, the last, so that no
-    line slips through. It sees at instant ``start``, 0 or 1, at the place ``at`` of the pixel's square, 0 to 1 each.
-    ``places``, vec4 of each block, is where that is by the other instant, and 1, or 0 where the lens sees nothing; they
-    are known already where they were ``seen``. ``out_ways``, vec2 of each block, row by row, tells how far what it sees
-    has gone on the image by the other instant [pixels].
+    line slips through. It sees at instant ``start``, 0 or 1, at the places ``at`` of the pixel's square, 0 to 1 each,
+    of which the first is its middle. ``out_ways``, vec2 ``[places, blocks]``, tells how far what it sees has gone on
+    the image by the other instant [pixels].
+
+    ``near_moving``, a tree, has boxes around what moves, as much larger as a pixel is wide there. Where the ray through
+    the middle meets none, all other ways are 0, and its own as well if the camera ``stands``.
+
+    ``places``, vec4 of each block, is where what the middle sees is by the other instant, and 1, or 0 where the lens
+    sees nothing; they are known already where they were ``seen``.
     """
     closest, _, surface, _ = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
@@ -114,41 +119,54 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         scene: Scene,
         camera: CameraState,
         settings: Settings,
-        blocks: int,
+        first: int,
+        count: int,
         spacing: int,
         start: int,
-        at: wp.vec2,
+        at: wp.array[wp.vec2],
+        stands: bool,
+        near_moving: wp.uint64,
         seen: bool,
         places: wp.array[wp.vec4],
-        out_ways: wp.array[wp.vec2],
+        out_ways: wp.array2d[wp.vec2],
     ) -> None:
         columns = (settings.width + spacing - 1) // spacing
-        begin = wp.tid() * blocks
-        for block in range(begin, wp.min(begin + blocks, out_ways.shape[0])):
+        begin = first + wp.tid() * count
+        for block in range(begin, begin + count):
             column = block % columns
             row = block // columns
             within = ((column + row) & 1) * (spacing - 1)
-            x = float(column * spacing + within) + at[0]
-            y = float(row * spacing + within) + at[1]
-            found = places[block]
-            if not seen:
-                ray = camera_ray(camera, x, y, wp.vec2(), float(start))
-                found = wp.vec4()
-                if ray.exists:
-                    there = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
-                    found = wp.vec4(there[0], there[1], there[2], 1.0)
-                places[block] = found
-            moved = wp.vec2()
-            if found[3] > 0.0:
-                place = wp.vec3(found[0], found[1], found[2])
-                if wp.static(plain(features)):
-                    moved = place_in(camera, place, 1 - start, settings.width) - wp.vec2(x, y)
-                elif wp.static(parallel):
-                    there = project(camera, place - camera.positions[1 - start], 1 - start)
-                    moved = wp.vec2(there[0], there[1]) - wp.vec2(x, y)
-                else:
-                    moved = searched(camera, place, 1 - start, wp.vec2(x, y), settings.width) - wp.vec2(x, y)
-            out_ways[block] = moved
+            near_it = bool(False)
+            for i in range(at.shape[0]):
+                x = float(column * spacing + within) + at[i][0]
+                y = float(row * spacing + within) + at[i][1]
+                found = places[block]
+                if i > 0 or not seen:
+                    found = wp.vec4()
+                    ray = camera_ray(camera, x, y, wp.vec2(), float(start))
+                    if wp.static(features.instants):
+                        if i == 0:
+                            near_it = not ray.exists
+                            if ray.exists:
+                                near = wp.bvh_query_ray(near_moving, ray.origin, ray.direction)
+                                box = int(0)
+                                near_it = wp.bvh_query_next(near, box)
+                    if ray.exists and (near_it or (i == 0 and not stands)):
+                        there = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
+                        found = wp.vec4(there[0], there[1], there[2], 1.0)
+                    if i == 0:
+                        places[block] = found
+                moved = wp.vec2()
+                if found[3] > 0.0:
+                    place = wp.vec3(found[0], found[1], found[2])
+                    if wp.static(plain(features)):
+                        moved = place_in(camera, place, 1 - start, settings.width) - wp.vec2(x, y)
+                    elif wp.static(parallel):
+                        there = project(camera, place - camera.positions[1 - start], 1 - start)
+                        moved = wp.vec2(there[0], there[1]) - wp.vec2(x, y)
+                    else:
+                        moved = searched(camera, place, 1 - start, wp.vec2(x, y), settings.width) - wp.vec2(x, y)
+                out_ways[i, block] = moved
 
     return follow
 
@@ -168,6 +186,8 @@ def pass_over(
     row, block = wp.tid()  # type: ignore[misc]
     way = ways[row, block]
     length = wp.min(wp.length(way), _LONGEST_PX)
+    if length == 0.0:
+        return
     steps = int(wp.ceil(length / spacing))
     key = (wp.int64(int(length * _FRACTIONS)) << wp.int64(32)) | wp.int64(row * columns * rows + block)
     for i in range(steps + 1):

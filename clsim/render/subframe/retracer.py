@@ -20,7 +20,7 @@ from clsim.render.primary.effort import PrimarySetup, primary_rays_for
 from clsim.render.sampling.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.render.subframe.flat_pixels import INSTANTS
-from clsim.render.subframe.motion_field import build_motion_field, build_pass_over
+from clsim.render.subframe.motion_field_host import MotionFieldHost
 from clsim.render.view import RenderCancelled, settings_of
 from clsim.scene import World
 
@@ -28,14 +28,12 @@ if TYPE_CHECKING:
     from clsim.render.subframe.flat_follower import FlatFollower
     from clsim.render.view import View
 
-_MIDDLE = ((0.5, 0.5),)
-_FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
 _RAYS_OF_A_PATH = 16
 """Primary rays at most that a pixel may get for what a path costs."""
-_POSES_REMEMBERED = 4
-"""Camera poses of which the places seen are remembered: the ends of a step and its middle, and none."""
 _MOST_REQUESTS = 1 << 20
 """Requests of a launch, so that memory does not grow."""
+_LEAST_REQUESTS = 64
+"""Requests of a launch on a CPU that are worth a thread: each has corners of its own to trace, some µs."""
 
 
 class Retracer:
@@ -87,8 +85,7 @@ class Retracer:
         self.lit = self._in_cached_light or not self._first_hits
         self._features = features = options.features(data.features, camera, requests=True)
         self._shape = camera.height, camera.width
-        self._follow: tuple[Any, Any, Any, Any] | None = None
-        self._places_by_pose: dict[bytes | None, Any] = {}
+        self._motion_field: MotionFieldHost | None = None
         self._kernel = build_kernel(features, data.tree)
         clear_m = data.clear_m if self._first_hits else None
         self._camera = CameraData(camera, features, data.origin_m, self._device, clear_m)
@@ -102,7 +99,7 @@ class Retracer:
         paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples
         size = options.tile_pixels or tile_size(paths, self._device)
         self._threads = Threads(options.threads, self._device)
-        self._tiles = Tiles(self._threads, self._record, "first", _MOST_REQUESTS, size, "count")
+        self._tiles = Tiles(self._threads, self._record, "first", _MOST_REQUESTS, size, "count", _LEAST_REQUESTS)
         self._follower: FlatFollower | None = None
         # The last step, and whether the camera turned back in it.
         self._last_turn: tuple[tuple[int, int] | None, bool] = None, False
@@ -142,33 +139,11 @@ class Retracer:
         self._camera.forget()
         if rests(self._data.world, start_s, end_s):
             return None
-        instants_s = np.array([start_s, end_s])
-        if self._follow is None:
-            self._follow = self._record_motion()
-        launch, spread, ways, longest = self._follow
-        self._data.move_to(instants_s)
-        launch.set_param_by_name("camera", self._camera.at_instants(instants_s))
-        launch.set_param_by_name("scene", self._data.scene)
-        for k in (0, 1):
-            launch.set_param_by_name("start", k)
-            pose_key = self._camera.pose_key(float(instants_s[k])) if self._spacing > 1 else None
-            launch.set_param_by_name("seen", pose_key is not None and pose_key in self._places_by_pose)
-            launch.set_param_by_name("places", self._places_seen_from(pose_key))
-            for row, place in enumerate(self._places):
-                launch.set_param_by_name("at", wp.vec2(*place))
-                launch.set_param_by_name("out_ways", ways[2 * row + k])
-                launch.launch()
-        longest.zero_()
-        spread.launch()
-        (height, width), (rows, columns) = self._shape, self._blocks
-        found = ways.numpy()
-        found[1::2] *= -1.0
-        keys = _largest_around(longest.numpy().reshape(rows, columns)).ravel()
-        over = found.reshape(-1, 2)[keys & 0xFFFFFFFF]
-        over[keys < 1 << 32] = 0.0
-        result = np.concatenate([found[:2], over[None]]).transpose(0, 2, 1).reshape(3, 2, rows, columns)
-        alike = result.repeat(self._spacing, axis=2).repeat(self._spacing, axis=3)
-        return np.ascontiguousarray(alike[:, :, :height, :width])
+        if self._motion_field is None:
+            self._motion_field = MotionFieldHost(
+                self._data, self._features, self._camera, self._settings, self._shape, self._threads
+            )
+        return self._motion_field.ways(start_s, end_s)
 
     def bounds(self) -> npt.NDArray[np.bool_] | None:
         """Return where more is seen in the last frame than one flat surface whose albedo its texture tells, ``[H, W]``.
@@ -298,52 +273,6 @@ class Retracer:
         told = self._in_cached_light and self._data.still and self._features.textures and self._view is not None
         return self._view().corners if told and self._view is not None else None
 
-    @property
-    def _places(self) -> tuple[tuple[float, float], ...]:
-        """Where rays pass through a pixel: its middle, and where objects move, so that no thin one is missed."""
-        return _MIDDLE + _FINE if self._data.features.instants else _MIDDLE
-
-    @property
-    def _spacing(self) -> int:
-        """Pixels from one that is followed to the next: where the camera alone moves, neighbours go alike."""
-        return 2 if self._data.still else 1
-
-    @property
-    def _blocks(self) -> tuple[int, int]:
-        """Rows and columns of pixels that are followed."""
-        height, width = self._shape
-        return -(-height // self._spacing), -(-width // self._spacing)
-
-    def _places_seen_from(self, pose_key: bytes | None) -> Any:
-        """Return the array of places seen from a camera pose, where all else rests; None remembers nothing."""
-        places = self._places_by_pose.pop(pose_key, None)
-        if places is None and len(self._places_by_pose) >= _POSES_REMEMBERED:
-            places = self._places_by_pose.pop(next(iter(self._places_by_pose)))
-        if places is None:
-            rows, columns = self._blocks
-            places = wp.zeros(rows * columns, dtype=wp.vec4, device=self._device)
-        self._places_by_pose[pose_key] = places
-        return places
-
-    def _record_motion(self) -> tuple[Any, Any, Any, Any]:
-        rows, columns = self._blocks
-        blocks = rows * columns
-        kernel = build_motion_field(self._features, self._data.tree)
-        ways: Any = wp.zeros((2 * len(self._places), blocks), dtype=wp.vec2, device=self._device)
-        longest: Any = wp.zeros(blocks, dtype=wp.int64, device=self._device)
-        each = blocks if self._device.is_cpu else 1
-        launch = record(
-            kernel, blocks // each, self._device, scene=self._data.scene,
-            camera=self._camera.at_instants(np.zeros(2)), settings=self._settings, blocks=each,
-            spacing=self._spacing, start=0, at=wp.vec2(), seen=False, places=self._places_seen_from(None),
-            out_ways=ways[0],
-        )  # fmt: skip
-        spread = wp.launch(
-            build_pass_over(), dim=ways.shape, inputs=[ways, columns, rows, float(self._spacing), longest],
-            device=self._device, record_cmd=True,
-        )  # fmt: skip
-        return launch, spread, ways, longest
-
     def _upload(self, values: Any) -> Any:
         return wp.array(values, dtype=wp.int32, device=self._device)
 
@@ -359,10 +288,3 @@ def rests(world: World, start_s: float, end_s: float) -> bool:
     later_s = 0.5 * (start_s + end_s), end_s
     pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s)
     return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
-
-
-def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Return the largest value of each pixel and its eight neighbours, ``[H, W]``."""
-    padded = np.pad(values, 1)
-    rows = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
-    return np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-import warp as wp
 
 from clsim.errors import InputError
 from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
+from clsim.render.device.launch import Tiles
 from clsim.render.subframe.retracer import Retracer
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static, load_world
 from clsim.scene.driven import CAMERA, Driven, place_of, with_driven
@@ -228,14 +228,13 @@ def test_what_is_seen_from_a_pose_is_remembered_and_is_what_would_be_traced(monk
     world = busy_world(objects_move=False)
     camera = Driven(world.camera.motion)
     world = with_driven(world, {CAMERA: camera})
-    told, tell = [], wp.Launch.set_param_by_name
+    told, run = [], Tiles.run
 
-    def noted(launch, name, value):
-        if name == "seen":
-            told.append(value)
-        tell(launch, name, value)
+    def noted(tiles, end, changed, begin=0):
+        told.append(changed["seen"])
+        return run(tiles, end, changed, begin)
 
-    monkeypatch.setattr(wp.Launch, "set_param_by_name", noted)
+    monkeypatch.setattr(Tiles, "run", noted)
     retracer = Retracer(SceneData(world, instants=True), RenderOptions(spp=1))
 
     def follow(start_s, end_s, known):
