@@ -1,13 +1,24 @@
 """The arguments that all tracing kernels share."""
 
+import itertools
+import math
+from typing import Any
+
 import warp as wp
 
 from clsim.render.accel.geometry import Geometry
 from clsim.render.emitters.lights import Lights
+from clsim.render.options import RenderOptions
 from clsim.render.surfaces.materials import Materials
+from clsim.scene import Camera
+from clsim.scene.light.spectral import seen_by_pixels, spectral_weights
+from clsim.scene.world import Sensor
 
 Mosaic = wp.types.matrix(shape=(4, 3), dtype=float)
 """What the pixels (0, 0), (1, 0), (0, 1) and (1, 1) of each square see of R, G and B, a row each."""
+
+SOBOL_BATCHES = 4
+"""Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
 
 
 @wp.struct
@@ -50,3 +61,18 @@ class Scene:
     geometry: Geometry
     materials: Materials
     lights: Lights
+
+
+def settings_of(options: RenderOptions, camera: Camera, sensor: Sensor) -> Any:
+    """Return the kernel's settings for pictures of a camera with such pixels."""
+    settings: Any = Settings()
+    settings.samples = options.spp
+    settings.batches = SOBOL_BATCHES
+    settings.max_depth = options.max_depth
+    settings.roulette_start = options.roulette_start
+    settings.width, settings.height = camera.width, camera.height
+    settings.reach_m = math.inf
+    settings.darkest = sensor.floor / sensor.scale
+    settings.spectral = wp.vec3(*spectral_weights(sensor.spectral))
+    settings.mosaic = Mosaic(*itertools.chain.from_iterable(seen_by_pixels(sensor)))
+    return settings

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -16,15 +14,15 @@ from clsim.render.camera.camera import CameraData
 from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import pixel_of
 from clsim.render.device.launch import Threads, Tiles, record, tile_size
-from clsim.render.kernel_input import Mosaic, Settings
+from clsim.render.kernel_input import settings_of
+from clsim.render.motion.standstill import Standstill
 from clsim.render.options import RenderOptions
 from clsim.render.paths.integrator import build_kernel
 from clsim.render.primary.effort import ENOUGH_FOR_EDGES, Effort, PrimarySetup, Steerer
 from clsim.render.sampling.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.scene import Camera
-from clsim.scene.light.spectral import seen_by_pixels, spectral_weights
-from clsim.scene.world import Sensor
+from clsim.scene.light.spectral import seen_by_pixels
 
 if TYPE_CHECKING:
     from clsim.render.cache.light_cache_host import LightCacheHost
@@ -33,23 +31,6 @@ if TYPE_CHECKING:
 
 _MAX_TARGETS = 16
 """Frames whose memory is remembered: more than a ring has slots."""
-SOBOL_BATCHES = 4
-"""Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
-
-
-def settings_of(options: RenderOptions, camera: Camera, sensor: Sensor) -> Any:
-    """Return the kernel's settings for pictures of a camera with such pixels."""
-    settings: Any = Settings()
-    settings.samples = options.spp
-    settings.batches = SOBOL_BATCHES
-    settings.max_depth = options.max_depth
-    settings.roulette_start = options.roulette_start
-    settings.width, settings.height = camera.width, camera.height
-    settings.reach_m = math.inf
-    settings.darkest = sensor.floor / sensor.scale
-    settings.spectral = wp.vec3(*spectral_weights(sensor.spectral))
-    settings.mosaic = Mosaic(*itertools.chain.from_iterable(seen_by_pixels(sensor)))
-    return settings
 
 
 def _as_bits(planes: Any) -> Any:
@@ -154,6 +135,9 @@ class View:
             else:
                 at_frames = options.light_hz is None
                 self._steerer = Steerer(*size, effort, primary_setup, board, self._device, refines=at_frames)
+        # With other noise, or steered by what was found in frames before, each frame is another one.
+        repeats = options.noise == "common" and (self._steerer is None or options.light_cache)
+        self._standstill = Standstill(data.world, camera) if repeats else None
         # Duplicate pixels are written at the same place of planes of their own.
         numbers = self._pixels_to_duplicate() if self._steerer is None else np.zeros(0, np.int32)
         of_square = np.asarray(seen_by_pixels(data.world.sensor), np.float32)
@@ -202,6 +186,17 @@ class View:
             raise RenderCancelled
         time_s = time_us * 1e-6
         self._data.move(time_s)
+        out.time_us, out.index = time_us, index
+        if self._standstill is None:
+            self._render_at(index, time_us, out)
+        elif not self._standstill.repeat(time_s, self._steerer and self._steerer.effort, out.planes):
+            self._render_at(index, time_us, out)
+            self._standstill.remember(out.planes)
+        elif self._steerer is not None:
+            cast("LightCacheHost", self._steerer).rest(time_us)
+
+    def _render_at(self, index: int, time_us: int, out: Frame) -> None:
+        time_s = time_us * 1e-6
         noise_of = index + self.noise_offset if self._options.noise == "independent" else None
         self._settings.stream = stream_state(self._options.seed, noise_of)
         pose = self._motion.pose(time_s)
@@ -238,7 +233,6 @@ class View:
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
-        out.time_us, out.index = time_us, index
 
     def fill_truth(self, out: Frame, before_us: int | None, after_us: int, next_us: int) -> None:
         """Fill the planes of truth, if there are any, of a frame that was rendered.
@@ -311,6 +305,8 @@ class View:
 
     def forget_light(self) -> None:
         """Forget, or trace again, what is cached of the light, for the next frame: lights have changed."""
+        if self._standstill is not None:
+            self._standstill.forget()
         if self._steerer is not None:
             self._steerer.forget()
 

@@ -232,7 +232,7 @@ class LightCacheHost:
         self._gathering.asked = asked
         self._gathering.earlier = (self._learns or follows) and self._pace_hz is not None
         if self._times_us[-1:] != [time_us]:
-            self._times_us = [*self._times_us[-1:], time_us]
+            self.rest(time_us)
             self._shadows.reverse()
         self._gathering.tells_shadows = self._pace_hz is not None
         changed = {
@@ -282,6 +282,10 @@ class LightCacheHost:
             each.zero_()
         self._frames, self._unit = 0, None
         self._times_us.clear()
+
+    def rest(self, time_us: int) -> None:
+        """Take notice of the time of a frame, which needs not be rendered where nothing has moved."""
+        self._times_us = [*self._times_us[-1:], time_us]
 
     def cancel(self) -> None:
         """Do nothing: nobody is waited for."""

@@ -15,6 +15,7 @@ from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_sto
 from clsim.render.cache.trails import PLACES, Moved
 from clsim.render.device.arrays import write
 from clsim.render.device.launch import Threads, Tiles, record
+from clsim.render.motion.standstill import have_moved
 
 _TILE = 2048
 """Paths of a launch on a CPU; on a GPU all are one, for each launch takes as long as its slowest path."""
@@ -143,7 +144,7 @@ class PathStore:
         self.frame += 1
         moved = self._movement.to(self._data.places())
         lamps = self._data.lamp_poses()
-        lights = not np.array_equal(lamps, self._lamps)
+        lights = bool(have_moved(self._lamps, lamps).any())
         # Where lamps come to rest, what paths found while these moved is not extrapolated any longer.
         self._all_again = self._all_again or (self._lamps_moved and not lights)
         self._lamps, self._lamps_moved = lamps, lights
@@ -232,7 +233,7 @@ class Movement:
     def to(self, now: Places) -> bool:
         """Tell what has moved until ``now``, and return whether anything has."""
         before, self._last = self._last, now
-        changed = np.any(before.poses != now.poses, axis=(1, 2)) | (now.deforming & (before.time != now.time))
+        changed = have_moved(before.poses, now.poses) | (now.deforming & (before.time != now.time))
         of_instances = np.zeros(self.instances.shape[0], np.int32)
         of_instances[now.moving] = changed
         self.instances.assign(of_instances)

@@ -14,6 +14,8 @@ from clsim.frames import Fineness, Reflected, rendered_planes
 from clsim.render.camera.camera import CameraData
 from clsim.render.camera.pixel_width import pixel_of
 from clsim.render.device.launch import Threads, Tiles, record, tile_size
+from clsim.render.kernel_input import settings_of
+from clsim.render.motion.standstill import have_moved
 from clsim.render.options import RenderOptions
 from clsim.render.paths.integrator import build_kernel
 from clsim.render.primary.effort import PrimarySetup, primary_rays_for
@@ -21,7 +23,7 @@ from clsim.render.sampling.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.render.subframe.flat_pixels import INSTANTS
 from clsim.render.subframe.motion_field_host import MotionFieldHost
-from clsim.render.view import RenderCancelled, settings_of
+from clsim.render.view import RenderCancelled
 from clsim.scene import World
 
 if TYPE_CHECKING:
@@ -286,5 +288,5 @@ def rests(world: World, start_s: float, end_s: float) -> bool:
     if any(mesh.deformation is not None for mesh in world.meshes):
         return False
     later_s = 0.5 * (start_s + end_s), end_s
-    pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s)
-    return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
+    pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s if motion.duration_s > 0)
+    return not any(have_moved(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)

@@ -14,8 +14,8 @@ from clsim.detect.subframe.knots import Knots
 from clsim.frames import ALBEDO, Fineness
 from clsim.render import RenderOptions, SceneData
 from clsim.render.camera.film import Sample
+from clsim.render.kernel_input import settings_of
 from clsim.render.subframe.flat_pixels import build_flat_pixels
-from clsim.render.view import settings_of
 from clsim.scene import Lens, load_world
 from clsim.score.matching import Sampling, one_to_one
 from tests.render.primary.test_steered import textured_world

@@ -17,7 +17,7 @@ from clsim.live.rig import cameras_of
 from clsim.live.stages import plan_stages
 from clsim.render import RenderOptions, SceneData
 from clsim.render.camera.camera import CameraData
-from clsim.render.view import settings_of
+from clsim.render.kernel_input import settings_of
 from clsim.scene import World, load_world
 from clsim.scene.light import daylight
 from clsim.scene.toml import schema
