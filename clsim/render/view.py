@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -116,9 +117,11 @@ class View:
             primary_setup = PrimarySetup(self._pixel, features.sharp, features.lamp_light)
             if options.light_cache:
                 from clsim.render.cache.light_cache_host import LightCacheHost, next_event
+                from clsim.render.cache.stored_hits_host import StoredHitsHost
 
                 event = next_event(options.fires_at, data.world.sensor)
                 self._store = store = self._path_store(options, camera) if features.anchored else None
+                hits = StoredHitsHost(data, math.prod(size)) if features.stores_hits else None
                 error, twice = options.first_frame_error, options.duplicate_every
                 self._steerer = LightCacheHost(
                     *size,
@@ -129,6 +132,7 @@ class View:
                     error,
                     twice,
                     store,
+                    hits,
                     self._threads,
                     self._device,
                 )
@@ -221,7 +225,7 @@ class View:
         else:
             unfinished = True
             while unfinished:
-                steering, self._settings.samples = self._steerer.prepare(index, time_us)
+                steering, self._settings.samples = self._steerer.prepare(index, time_us, pose)
                 changed |= steering
                 if steering["steering"].primary_rays.steps:
                     self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))

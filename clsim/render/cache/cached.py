@@ -1,4 +1,4 @@
-# ruff: noqa: UP018, RUF046
+# ruff: noqa: SIM102, UP018, RUF046
 """The kernel that shades pixels from the radiance cache, and traces paths that refine it.
 
 A pixel's primary rays have the same random numbers in every frame. Each takes the light at its own first hit from the
@@ -31,6 +31,7 @@ from clsim.render.cache.cached_light import (
 )
 from clsim.render.cache.light_cache import Cell, Followed
 from clsim.render.cache.light_grid import layer_of
+from clsim.render.cache.stored_hits import StoredHits, corner_stays, pixel_stays, store_hits, stored_surfaces
 from clsim.render.cache.stored_paths import OWN, Met
 from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import width_at
@@ -53,6 +54,7 @@ def make_cached(
     sobol: bool,
     anchored: bool,
     moves: bool,
+    stores: bool,
     sample_primary: Any,
     shoot: Any,
     scene_type: Any,
@@ -79,6 +81,8 @@ def make_cached(
     is shown as it was ``earlier``.
 
     ``out_shadows`` ``[H·W]`` records which rays of pixels in soft shadows reach the lamps, if ``tells_shadows``.
+
+    Where kernels have ``stores``, ``stored`` has what pixels saw in the last frame (`stored_hits.py`).
 
     Once a frame is done, a pass with ``duplicate_every`` = n > 0, whose threads are every n-th pixel, samples these a
     second time. It writes to ``duplicate_learnt`` and ``out_duplicate`` ``[2, H·W / n]`` alone. The latter gets the
@@ -108,6 +112,7 @@ def make_cached(
         corner_pass: bool,
         corners: wp.array[Sample],
         steering: Gathering,
+        stored: StoredHits,
         cells: wp.array[Cell],
         followed: wp.array[Followed],
         own: wp.array[wp.vec3],
@@ -145,29 +150,39 @@ def make_cached(
             gathered = GatheredLight()
             seen = Seen()
             last = int(0)
+            error = float(SHARE_ERROR)
+            told = steering.event.on > 0.0
+            stays = bool(False)
+            if wp.static(stores):
+                if corner_pass:
+                    if corner_stays(stored, corners[nearest]):
+                        continue
+                else:
+                    stays = duplicate_every == 0 and pixel_stays(stored, pixel)
             while primary_rays.most > last:
                 last = primary_rays.most
-                seen = sample_primary(
-                    scene,
-                    camera,
-                    settings,
-                    pixel,
-                    0,
-                    state,
-                    primary_rays,
-                    corner,
-                    corners,
-                    nearest,
-                    row,
-                    seen,
-                    Shadows(),
-                    surfaces,
-                )
+                if stays:
+                    seen = stored_surfaces(stored, pixel, surfaces)
+                else:
+                    seen = sample_primary(
+                        scene,
+                        camera,
+                        settings,
+                        pixel,
+                        0,
+                        state,
+                        primary_rays,
+                        corner,
+                        corners,
+                        nearest,
+                        row,
+                        seen,
+                        Shadows(),
+                        surfaces,
+                    )
                 if corner_pass:
                     break
                 gathered = light_of(cells, followed, surfaces, seen.surfaces, gathering, spectral)
-                error = float(SHARE_ERROR)
-                told = steering.event.on > 0.0
                 if told and seen.counted:
                     so_far = finished(gathered, own[pixel], own[pixel], spectral)
                     gained = wp.where(duplicate_every > 0, 0.0, gain(so_far, settings.darkest, spectral))
@@ -183,8 +198,22 @@ def make_cached(
                     error,
                     told,
                 )
+                if stays:
+                    stays = primary_rays.most == stored.pixels[pixel].most
+                    primary_rays = steering.primary_rays
+                    if not stays:
+                        # In other light it needs another number of rays.
+                        seen = Seen()
+                        last = 0
             if corner_pass:
                 continue
+            if wp.static(stores):
+                if stored.writes and not stays and duplicate_every == 0:
+                    fewest = steering.primary_rays
+                    most = refine_primary_rays(
+                        gathered.brightness, gathered.squares, settings.darkest, seen, fewest, fewest, error, told
+                    ).most
+                    store_hits(stored, pixel, seen, most, surfaces)
             if steering.tells_shadows and duplicate_every == 0:
                 out_shadows[pixel] = seen.shadow
             if duplicate_every > 0:
@@ -257,6 +286,6 @@ def make_cached(
                 level = level_of(shown, steering.event, spectral)
                 fired[pixel] = fire(level, fired[pixel], steering.event)
             store_surfaces(surfaces, seen.surfaces, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
-            out_spent[0, pixel] = seen.rays
+            out_spent[0, pixel] = wp.where(stays, 0, seen.rays)
 
     return render_cached

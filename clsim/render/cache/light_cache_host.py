@@ -16,6 +16,8 @@ from clsim.render.cache.light_cache import LEVELS, Asked, Cell, Followed
 from clsim.render.cache.light_grid import BLOCK
 from clsim.render.cache.light_updates import SUMS, build_updates
 from clsim.render.cache.path_store import PathStore
+from clsim.render.cache.stored_hits import StoredHits
+from clsim.render.cache.stored_hits_host import StoredHitsHost
 from clsim.render.cache.stored_paths import Met
 from clsim.render.device.launch import Threads, Tiles, record
 from clsim.render.primary.effort import Effort, PrimarySetup, primary_rays_for
@@ -101,6 +103,7 @@ class LightCacheHost:
         first_frame_error: float,
         duplicate_every: int,
         store: PathStore | None,
+        hits: StoredHitsHost | None,
         threads: Threads,
         device: Any,
     ) -> None:
@@ -116,6 +119,7 @@ class LightCacheHost:
             first_frame_error: see there too.
             duplicate_every: see there too.
             store: paths that follow the light, None where nothing but the camera moves.
+            hits: what stores what pixels see while the camera stands; None where that is of no use.
             threads: that add to cells.
             device: Warp's device.
         """
@@ -127,7 +131,7 @@ class LightCacheHost:
         self.first_hit_rays = self.paths = 0
         self.light_s = 0.0
         self._device, self._threads = device, threads
-        self._store = store
+        self._store, self._hits = store, hits
         self._primary_setup = primary_setup
         self._enough_stored = float(max(width, _ENOUGH_STORED))
         self._pace_hz = pace_hz
@@ -164,6 +168,7 @@ class LightCacheHost:
         """Arguments of the kernel without the scene and the frame; what `prepare` returns changes with each frame."""
         return {
             "steering": Gathering(),
+            "stored": StoredHits(),
             "cells": self._cells,
             "followed": self._told[1],
             "own": self._own,
@@ -179,8 +184,10 @@ class LightCacheHost:
             "out_shadows": self._shadows[1],
         }
 
-    def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
+    def prepare(self, index: int, time_us: int, pose: npt.NDArray[np.float64]) -> tuple[dict[str, Any], int]:
         """Return the arguments of the kernel that change with a frame, and the full number of paths.
+
+        The camera is at a ``pose`` ``[4, 4]`` then.
 
         What the paths of the last frame found is added to the cache. At a pace, a frame that is too soon traces none.
         """
@@ -243,6 +250,9 @@ class LightCacheHost:
             **self._found,
         }
         changed["out_shadows"] = self._shadows[1]
+        changed["stored"] = StoredHits()
+        if self._hits is not None and self._store is not None and last:
+            changed["stored"] = self._hits.prepare(pose, time_us * 1e-6, effort, self._store)
         return changed, effort.spp if self._learns else 0
 
     @property
@@ -274,6 +284,8 @@ class LightCacheHost:
 
     def forget(self) -> None:
         """Empty all cells: the light is another one; or, where paths follow the light, trace these again."""
+        if self._hits is not None:
+            self._hits.forget()
         if self._store is not None:
             self._store.forget()
             return
@@ -295,8 +307,11 @@ class LightCacheHost:
 
         That is so for the first frame: nothing was known when it was rendered.
         """
-        first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
+        spent = self._spent.numpy()
+        first_hit_rays, paths = spent.sum(axis=1, dtype=np.int64)
         self.first_hit_rays += int(first_hit_rays)
+        if self._hits is not None:
+            self._hits.judge(int(np.count_nonzero(spent[0])))
         if not self._learns:
             return False
         self.paths += int(paths)

@@ -95,6 +95,16 @@ class PathStore:
         self._add = tiles(lambda tile: self._record(kernels.add_paths, tile, unit=1.0, found=self._found))
         self._average = tiles(lambda tile: self._record(kernels.average_paths, tile, frame=0))
 
+    @property
+    def moved(self) -> Any:
+        """What has moved since the frame before, a `Moved`."""
+        return self._movement.moved
+
+    @property
+    def lamps_moved(self) -> bool:
+        """Whether lamps have, too."""
+        return self._lamps_moved
+
     def forget(self) -> None:
         """Trace all again: lights have changed."""
         self._all_again = True
@@ -227,6 +237,7 @@ class Movement:
         self.instances: Any = wp.zeros(max(1, places.count), dtype=wp.int32, device=device)
         self.moved = Moved()
         self.moved.tree = self._tree.id
+        self.moved.lowers, self.moved.uppers = self._corners
         self.moved.counts = self._counts = wp.zeros(boxes, dtype=wp.bool, device=device)
         self.moved.into_boxes = self._into_boxes = wp.zeros(boxes, dtype=mat34, device=device)
 

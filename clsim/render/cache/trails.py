@@ -27,7 +27,8 @@ class Moved:
     Attributes:
         any: whether one has moved.
         lower, upper: corners of the box along the axes that is around all that have.
-        tree: of such boxes, one around each.
+        lowers, uppers: corners of such boxes, one around each, …
+        tree: … and a tree of them.
         counts: whether that instance has moved.
         into_boxes: makes the box along its own axes the cube from −1 to 1.
     """
@@ -35,6 +36,8 @@ class Moved:
     any: bool
     lower: wp.vec3
     upper: wp.vec3
+    lowers: wp.array[wp.vec3]
+    uppers: wp.array[wp.vec3]
     tree: wp.uint64
     counts: wp.array[bool]
     into_boxes: wp.array[mat34]

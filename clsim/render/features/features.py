@@ -156,6 +156,12 @@ class Features(SceneFeatures):
         """Whether a ray sees what lies at its place in the picture, and nothing else: there is no blur of any sort."""
         return not (self.aperture or self.camera_blur or self.motion_blur)
 
+    @property
+    def stores_hits(self) -> bool:
+        """Whether what pixels saw is stored for the next frame, should the camera stand: all rays begin there."""
+        frames = not (self.requests or self.replay) and self.first_hits
+        return frames and self.anchored and self.sharp and self.projection != "orthographic"
+
     def describe(self) -> dict[str, list[str]]:
         """Return what is compiled in, under "built in", and what is not, under "left out"."""
         rows = (

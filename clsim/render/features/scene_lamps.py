@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from clsim.render.motion.deform import deforms
 from clsim.scene import Motion, PunctualLight, SphereLight, World
 
 _FEW_LAMPS = 4
 """Lamps, each triangle by itself, whose light is still added up for each point that a pixel shows."""
+_FAR_M = 1.0e5
+"""Stands for the distance of what shines in parallel."""
 _SHARP_DEG = 1.0
 """How wide the edge of a spot's cone is at least where its light is asked for once a pixel."""
 
@@ -93,3 +96,42 @@ def several_lights_of_a_tree(world: World) -> bool:
     small: tuple[SphereLight | PunctualLight, ...] = (*world.sphere_lights, *world.punctual_lights)
     others = sum(in_light_tree(light, follows) for light in small)
     return triangles > 2 or (triangles > 0) + others > 1
+
+
+class LampBoxes:
+    """Boxes around the few lamps whose direct light is analytic."""
+
+    def __init__(self, world: World) -> None:
+        """Find them; many lamps are none of these."""
+        self._small: tuple[SphereLight | PunctualLight, ...] = ()
+        self._shining: list[tuple[Motion, npt.NDArray[np.float64]]] = []
+        if few_lamps(world):
+            self._small = (*world.sphere_lights, *world.punctual_lights)
+            emits = np.array([max(material.emission) > 0 for material in world.materials], bool)
+            for instance in world.instances:
+                mesh = world.meshes[instance.mesh]
+                corners = mesh.triangles[emits[mesh.material_ids]] if len(emits) else mesh.triangles[:0]
+                self._shining += [(instance.motion, mesh.vertices[three].astype(np.float64)) for three in corners]
+
+    def at(
+        self, time_s: float, origin_m: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Return corners ``[n, 3]`` of the boxes at a time, from the origin, and which of them are far away.
+
+        Of these, whose light comes in parallel, they tell how far away they are from any place, and in which direction.
+        """
+        lower, upper, is_far = [], [], []
+        for light in self._small:
+            pose = light.motion.pose(time_s)
+            is_far.append(isinstance(light, PunctualLight) and light.kind == "directional")
+            place = pose[:3, 2] * _FAR_M if is_far[-1] else pose[:3, 3] - origin_m
+            radius_m = light.radius_m if isinstance(light, SphereLight) else 0.0
+            lower.append(place - radius_m)
+            upper.append(place + radius_m)
+        for motion, corners in self._shining:
+            pose = motion.pose(time_s)
+            placed = corners @ pose[:3, :3].T + pose[:3, 3] - origin_m
+            lower.append(placed.min(axis=0))
+            upper.append(placed.max(axis=0))
+            is_far.append(False)
+        return np.reshape(lower, (-1, 3)), np.reshape(upper, (-1, 3)), np.array(is_far, np.bool_)

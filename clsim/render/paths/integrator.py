@@ -105,7 +105,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
     mean_albedo = mean_albedo if features.textures else None
-    about_light = features.coats, features.shadow_rays
+    about_light = features.coats, features.shadow_rays, features.stores_hits
     lamps = shadow_ray = None
     if features.lamp_light:
         lamps = make_lamp_light(features, on_lamp, shining)
@@ -140,7 +140,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         else:
             from clsim.render.primary.steered import make_steered as make
         about_cache = (
-            (features.anchored, features.two_level and not features.motion_blur) if features.light_cache else ()
+            (features.anchored, features.two_level and not features.motion_blur, features.stores_hits)
+            if features.light_cache
+            else ()
         )
         return make(features.sobol, *about_cache, sample_primary, shoot, *types, kernel_options())
 

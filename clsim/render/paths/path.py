@@ -12,7 +12,7 @@ from clsim.render.accel.geometry import offset_origin
 from clsim.render.accel.intersection import face
 from clsim.render.accel.rest import make_rest
 from clsim.render.bsdf.coats import one_part
-from clsim.render.cache.trails import PLACES, note_light, note_place
+from clsim.render.cache.trails import MOST_M, PLACES, note_light, note_place
 from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import foresee_environment
 from clsim.render.emitters.light_tree import make_receiver
@@ -113,6 +113,9 @@ def make_trace(
                 sample.places = wp.min(depth + 1, PLACES)
             if hit.triangle < 0:
                 sample = ending(scene, sample, hit, origin, direction, time, carried, primary, passed_m)
+                if wp.static(primary_only and features.stores_hits):
+                    if not sample.hit:
+                        sample.position = origin + direction * MOST_M
                 break
 
             point = face(surface_of(scene.geometry, hit, time), direction)
@@ -156,6 +159,8 @@ def make_trace(
                     if wp.static(features.blends):
                         followed = followed and scene.materials.rows[point.material].blend_with < 0
                     primary = followed
+                    if wp.static(primary_only and features.stores_hits):
+                        sample.bent = sample.bent or followed
             if wp.static(features.triangle_lights):
                 radiance = emitted(scene.materials, point)
                 if radiance[0] + radiance[1] + radiance[2] > 0.0:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from clsim.errors import InputError
@@ -216,7 +217,7 @@ class Steerer(MapReader):
             "out_spent": self._spent,
         }
 
-    def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
+    def prepare(self, index: int, time_us: int, pose: npt.NDArray[np.float64]) -> tuple[dict[str, Any], int]:
         """Choose the samples of the frame ``index``; return arguments of the kernel and the full number of paths.
 
         Whenever it is, this takes the interest map of two frames ago, and waits for it where the board does.

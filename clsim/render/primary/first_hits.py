@@ -53,12 +53,33 @@ _CORNER = wp.constant(-3)
 
 
 @wp.struct
+class Reach:
+    """Where the rays of a pixel led.
+
+    Attributes:
+        hit: whether they hit anything, …
+        lower, upper: … corners of the box around all of it, …
+        sky: … whether any hit nothing, …
+        sky_lower, sky_upper: … corners of the box around places in the sky, …
+        bent: … and whether a mirror or glass sent any of them on.
+    """
+
+    hit: bool
+    lower: wp.vec3
+    upper: wp.vec3
+    sky: bool
+    sky_lower: wp.vec3
+    sky_upper: wp.vec3
+    bent: bool
+
+
+@wp.struct
 class Seen:
     """How many surfaces a pixel shows, and how many rays it took, of which some were ``inside``.
 
     ``counted`` is whether shares are counted by them, ``by_colour`` whether each colour of a surface counts as one.
     ``shadow`` tells which of the latter reached the lamps, where it shows one triangle; where that is plain without
-    them, they are 0, and its first bit is for all of the pixel.
+    them, they are 0, and its first bit is for all of the pixel. ``reach`` is told where what was seen is stored.
     """
 
     surfaces: int
@@ -67,6 +88,21 @@ class Seen:
     counted: bool
     by_colour: bool
     shadow: Shadow
+    reach: Reach
+
+
+@wp.func
+def _extend(reach: wp.array[Reach], sample: Sample) -> None:
+    """Let a pixel's rays have led to where one did."""
+    reach[0].bent = reach[0].bent or sample.bent
+    if sample.hit:
+        reach[0].lower = wp.where(reach[0].hit, wp.min(reach[0].lower, sample.position), sample.position)
+        reach[0].upper = wp.where(reach[0].hit, wp.max(reach[0].upper, sample.position), sample.position)
+        reach[0].hit = True
+    else:
+        reach[0].sky_lower = wp.where(reach[0].sky, wp.min(reach[0].sky_lower, sample.position), sample.position)
+        reach[0].sky_upper = wp.where(reach[0].sky, wp.max(reach[0].sky_upper, sample.position), sample.position)
+        reach[0].sky = True
 
 
 @wp.func
@@ -128,6 +164,7 @@ def make_sample_primary(
     edges: bool,
     coats: bool,
     records: bool,
+    reaches: bool,
     shoot_at: Any,
     shadow_ray: Any,
     flat: Any,
@@ -151,6 +188,7 @@ def make_sample_primary(
         edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
         coats: whether some surfaces have a coat, whose light the cache holds separately.
         records: whether it records which rays reached the lamps, and ``shadows`` tell it of the frames around.
+        reaches: whether it tells where rays led.
         shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, width, wanted) -> Sample``.
         shadow_ray: of `make_shadow_ray`, which goes on from there to a lamp; None where direct light is not analytic.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
@@ -289,6 +327,12 @@ def make_sample_primary(
         footprint, number = begin(
             scene, camera, settings, instant, primary_rays, corner, corners, nearest, row, before, edge, surfaces
         )
+        reach = wp.zeros(shape=1, dtype=Reach)
+        if wp.static(reaches):
+            reach[0] = before.reach
+            if corner < 0 and primary_rays.steps > 0 and not before.counted:
+                for i in range(4):
+                    _extend(reach, corners[nearest + (i & 1) + (i // 2) * row])
         inside = int(before.inside)
         # Where it is told, only rays are traced that differ between the frames around; they find so much more light.
         told = bool(False)
@@ -341,6 +385,10 @@ def make_sample_primary(
                 if corner < 0 and not places and edge[0].shaded and edge[0].alone and (edge[0].plain or edge[0].flat):
                     on_triangle = edge[0].whole or inside >= primary_in_shadow(primary_rays)
             sample = shoot_at(scene, camera, settings, at, place, instant, stream, width, not on_triangle)
+            if wp.static(reaches):
+                # On its triangle, it is where the corners tell.
+                if not on_triangle:
+                    _extend(reach, sample)
             if wp.static(shadow_ray is not None):
                 start = start_at(sample)
                 if on_triangle:
@@ -385,6 +433,8 @@ def make_sample_primary(
             scene, primary_rays, instant, corner, corners, nearest, row, edge, footprint, inside - skipped, number,
             told, shadows, more_light, shadow, surfaces,
         )  # fmt: skip
+        if wp.static(reaches):
+            seen.reach = reach[0]
         return seen
 
     return sample_primary
