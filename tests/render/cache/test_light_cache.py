@@ -244,9 +244,9 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
             self._now = value
 
     setup, threads = effort.PrimarySetup((0.01, 0.0), sharp=True), Threads(1, wp.get_device("cpu"))
-    cache_host = Doubling(4, 3, Effort(2, 1, 8), setup, None, UNTOLD, 0.28, 0, None, threads, "cpu")
+    cache_host = Doubling(4, 3, Effort(2, 1, 8), setup, None, UNTOLD, 0.28, 0, None, None, threads, "cpu")
     for index in range(3):
-        changed, paths = cache_host.prepare(index, 1_000 * index)
+        changed, paths = cache_host.prepare(index, 1_000 * index, np.eye(4))
         assert changed["out_lights"].shape == (paths, 12)
 
 

@@ -107,7 +107,7 @@ def test_once_light_has_changed_all_paths_are_traced_and_no_correction_is_left()
     def wanted(index: int) -> set[int]:
         steerer.arguments["correction"].fill_(7.0)
         steerer.arguments["known"].fill_(2)
-        steerer.prepare(index, 1_000 * index)
+        steerer.prepare(index, 1_000 * index, np.eye(4))
         return set(steerer.arguments["grades"].numpy().tolist())
 
     assert wanted(0) == {GRADES + 1} and wanted(1) == {0}
