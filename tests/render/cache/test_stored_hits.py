@@ -11,6 +11,7 @@ from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.cache.stored_hits import StoredHits
 from clsim.render.cache.stored_hits_host import StoredHitsHost
+from clsim.render.features import scene_lamps
 from clsim.render.primary.effort import Effort
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 from clsim.scene.motion import Keyframes
@@ -99,6 +100,8 @@ def sampled(monkeypatch, *about):
 )
 def test_a_standing_camera_sees_what_it_would_see_if_all_were_sampled(monkeypatch, name):
     """To a rounding, in all pixels; what moves, shades or is mirrored changes some of them."""
+    # Just beyond all there is: so near that a direction to a place there would differ from pixel to pixel.
+    monkeypatch.setattr(scene_lamps, "_FAR_M", 8.0)
     shown, rays = pictures(WORLDS[name])
     every, all_rays = sampled(monkeypatch, WORLDS[name])
     np.testing.assert_allclose(shown, every, rtol=1e-5, atol=1e-7)
