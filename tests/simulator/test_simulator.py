@@ -284,6 +284,24 @@ def test_light_that_was_set_before_a_snapshot_shines_again_after_another(tmp_pat
         assert goes_on() == first
 
 
+def test_a_snapshot_holds_what_a_camera_that_stands_saw(tmp_path: Path) -> None:
+    """A box that goes on after it is not where it then was; without a trace of it once it is restored."""
+
+    def goes_on(*places: float) -> list[bytes]:
+        found = []
+        for x in places:
+            run.set_pose("box", ((x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+            found.append(run.step(run.time_us + 10_000).tobytes() + run.frame().planes.tobytes())
+        return found
+
+    with stage.simulator(tmp_path, quality="draft") as run:
+        goes_on(0.0, 0.05, 0.1, 0.15)
+        saved, first = run.snapshot(), goes_on(0.2, 0.25)
+        goes_on(-0.3, -0.5)
+        run.restore(saved)
+        assert goes_on(0.2, 0.25) == first
+
+
 def test_a_snapshot_holds_the_poses_that_wait_for_the_end_of_a_step_and_no_others(tmp_path: Path) -> None:
     aside = (0.4, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     with stage.simulator(tmp_path) as run:
