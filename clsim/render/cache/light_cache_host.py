@@ -311,7 +311,7 @@ class LightCacheHost:
         first_hit_rays, paths = spent.sum(axis=1, dtype=np.int64)
         self.first_hit_rays += int(first_hit_rays)
         if self._hits is not None:
-            self._hits.judge(int(np.count_nonzero(spent[0])))
+            self._hits.finish(int(np.count_nonzero(spent[0])))
         if not self._learns:
             return False
         self.paths += int(paths)

@@ -42,7 +42,7 @@ class StoredHitsHost:
         self._lamps = LampBoxes(data.world)
         self._pose: npt.NDArray[np.float64] | None = None
         self._effort: object = None
-        self._is_full = self._reads = False
+        self._is_full = self._reads = self._writes = False
         self._pause = 0
         self._pixels: Any = None
         self._surfaces: Any = None
@@ -67,7 +67,8 @@ class StoredHitsHost:
         writes = stands and not self._data.light_changes and self._pause == 0
         self._pause = max(0, self._pause - 1)
         self._reads = writes and self._is_full and effort == self._effort and not store.lamps_moved
-        self._pose, self._effort, self._is_full = pose, effort, writes
+        self._pose, self._effort, self._writes = pose, effort, writes
+        self._is_full = False  # until the frame is done
         hits: Any = StoredHits()
         if writes:
             if not self._reads:
@@ -79,8 +80,9 @@ class StoredHitsHost:
             hits.pixels, hits.surfaces = self._pixels, self._surfaces
         return hits
 
-    def judge(self, sampled: int) -> None:
-        """Take notice of how many pixels were sampled in the last frame."""
+    def finish(self, sampled: int) -> None:
+        """Take notice of a frame that is done, and how many pixels were sampled."""
+        self._is_full = self._writes
         if self._reads and self._count - sampled < _FEW * self._count:
             self._pause = _PAUSE
 

@@ -45,13 +45,13 @@ class Standstill:
         if not self._stands(time_s) or effort != self._effort:
             self._alike = 0
         self._effort = effort
-        self._alike += 1
-        if self._alike > _SETTLED:
+        if self._alike == _SETTLED:
             np.copyto(out, self._planes)
-        return self._alike > _SETTLED
+        return self._alike == _SETTLED
 
     def remember(self, planes: _F32) -> None:
-        """Take notice of a frame that was rendered."""
+        """Take notice of a frame that was rendered, whole."""
+        self._alike += 1
         if self._alike == _SETTLED:
             self._planes = planes.copy()
 

@@ -220,6 +220,8 @@ class Steerer(MapReader):
     def prepare(self, index: int, time_us: int, pose: npt.NDArray[np.float64]) -> tuple[dict[str, Any], int]:
         """Choose the samples of the frame ``index``; return arguments of the kernel and the full number of paths.
 
+        At which ``pose`` the camera is makes no difference here.
+
         Whenever it is, this takes the interest map of two frames ago, and waits for it where the board does.
         """
         effort = self.effort
