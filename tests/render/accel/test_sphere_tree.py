@@ -47,6 +47,7 @@ def pictures(world):
     return np.stack(shown)
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 @pytest.mark.parametrize(("moving", "shutter_s"), [(False, 0.0), (True, 0.0), (True, 0.05)])
 def test_what_is_seen_of_many_spheres_is_what_each_of_them_shows(monkeypatch, moving, shutter_s):
     """To the bit: in pictures, shadows and mirrors, as they stand, move and blur."""

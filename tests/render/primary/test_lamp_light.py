@@ -190,6 +190,7 @@ def test_a_picture_of_light_is_seen_as_the_mean_over_pixels():
     assert np.std(seen[lit] / plain[lit]) < 0.2
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 @pytest.mark.usefixtures("coats_and_metal")
 @pytest.mark.parametrize("alpha", [0.0, 0.3], ids=["mirroring", "rough"])
 @pytest.mark.parametrize("angle_deg", [10.0, 60.0, 80.0])
@@ -233,6 +234,7 @@ def test_thin_tubes_are_lit_by_how_each_part_of_them_faces():
     assert seen == pytest.approx(plain, rel=0.05)
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 @pytest.mark.usefixtures("coats_and_metal")
 def test_the_sun_on_metal_does_not_shine_on_what_lies_beside_it():
     """Strips of metal and of cloth, as wide as a pixel: cells of several pixels hold both."""
