@@ -71,7 +71,7 @@ ASKED: dict[str, tuple[int, Scene, dict[str, Any]]] = {
 
 Materials of rich scenes, of the lens' and of those named for materials are what chance gave them; others are diffuse.
 """
-OWN_KERNELS = ("adaptive-time", "lens", "materials", "rich", "standing")
+OWN_KERNELS = ("accurate", "adaptive-time", "lens", "materials", "rich", "standing")
 """How the names of those begin for which kernels are compiled that no other quick test needs."""
 
 

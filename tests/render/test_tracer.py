@@ -115,6 +115,7 @@ def test_samples_are_a_prefix():
         np.testing.assert_allclose(off, half, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 @pytest.mark.parametrize("scene", [lit_world, moving_world])
 def test_both_trees_give_one_picture(scene):
     ours, warps = (hw.render(scene(), 3, spp=16, tree=tree) for tree in ("bvh16", "warp"))

@@ -32,7 +32,9 @@ def test_options_that_the_method_has_no_use_for_are_named(clsim: Callable[..., o
 
 
 @pytest.mark.parametrize(
-    "cause", ["--noise independent", pytest.param("`first_hit_rays` 0", marks=pytest.mark.slow), "--quality exact"]
+    "cause",
+    [pytest.param(each, marks=pytest.mark.slow) for each in ("--noise independent", "`first_hit_rays` 0")]
+    + ["--quality exact"],
 )
 def test_a_run_that_no_governor_can_help_names_the_cause(
     clsim: Callable[..., object], tmp_path: Path, cause: str

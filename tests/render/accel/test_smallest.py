@@ -79,6 +79,7 @@ def test_it_is_no_more_than_a_lamps_diameter():
     assert width_of(hw.world(hw.box((0, 0, 0), (1, 1, 1)), sphere_lights=(lamp,))) == 0.5
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 @pytest.mark.usefixtures("ordinary")
 def test_no_ray_searches_for_what_cannot_be_there():
     """A crumb behind the camera brings rays into all pixels; that costs rays, and shows nothing else."""

@@ -112,6 +112,7 @@ def test_a_lamp_that_flickers_lets_nothing_rest(rendered):
     assert rendered == [0, 1, 2, 3, 4, 5]
 
 
+@pytest.mark.slow  # kernels of their own are compiled
 def test_a_shutter_that_is_open_when_something_begins_to_move_sees_it(rendered):
     """What goes on at .1 s is seen by the frame whose exposure ends a moment later."""
     late = driven((0.0, (0.4, 0.4, 0.0)), (0.1 + SHUTTER_S / 4, (0.4, 0.4, 0.0)), (0.2, (-0.3, 0.4, 0.2)))
