@@ -51,6 +51,8 @@ class Standstill:
 
     def remember(self, planes: _F32) -> None:
         """Take notice of a frame that was rendered, whole."""
+        if self._changes:
+            return
         self._alike += 1
         if self._alike == _SETTLED:
             self._planes = planes.copy()

@@ -15,6 +15,7 @@ from clsim.render.device.launch import Threads, Tiles, record
 from clsim.render.features.features import Features
 from clsim.render.scene_data import SceneData
 from clsim.render.subframe.motion_field import build_motion_field, build_pass_over
+from clsim.render.view import RenderCancelled
 
 _PLACES = ((0.5, 0.5), (0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
 """Where rays pass through a pixel: its middle, and where objects move, so that no thin one is missed."""
@@ -71,7 +72,11 @@ class MotionFieldHost:
         )
 
     def ways(self, start_s: float, end_s: float) -> npt.NDArray[np.float32]:
-        """Return the motion field from one time [s] to another, ``[3, 2, H, W]``; see `Retracer.motion`."""
+        """Return the motion field from one time [s] to another, ``[3, 2, H, W]``; see `Retracer.motion`.
+
+        Raises:
+            RenderCancelled: the threads were cancelled, before or meanwhile.
+        """
         instants_s = np.array([start_s, end_s])
         self._data.move_to(instants_s)
         self._enclose(instants_s)
@@ -82,7 +87,8 @@ class MotionFieldHost:
             key = keys[k] if self._spacing > 1 else None
             changed |= {"start": k, "seen": key is not None and key in self._places_by_pose}
             changed |= {"places": self._places_seen_from(key), "out_ways": self._ways[k]}
-            self._follow.run(self._blocks[0] * self._blocks[1], changed)
+            if not self._follow.run(self._blocks[0] * self._blocks[1], changed):
+                raise RenderCancelled
         self._longest.zero_()
         self._spread.launch()
         (height, width), (rows, columns) = self._shape, self._blocks

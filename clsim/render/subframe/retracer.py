@@ -136,6 +136,9 @@ class Retracer:
 
         The first is the way of what a pixel sees at the start, the second that of what it sees at the end, the third
         the longest that leads over it or a neighbour. None where nothing moves meanwhile.
+
+        Raises:
+            RenderCancelled: ``cancel`` was called, before or meanwhile.
         """
         self._data.poses.forget()
         self._camera.forget()
@@ -182,7 +185,7 @@ class Retracer:
         return self._follower.reflected(pixels, light, self._corners, camera, texels, fineness)
 
     def cancel(self) -> None:
-        """Make a running ``trace``, and every later one, raise RenderCancelled soon; safe from any thread."""
+        """Make a running ``trace`` or ``motion``, and later ones, raise RenderCancelled soon; safe from any thread."""
         self._threads.cancel()
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.frames import Frame, frame_time_us, page_aligned
-from clsim.render import PathTracer, RenderOptions, SceneData
+from clsim.render import PathTracer, RenderCancelled, RenderOptions, SceneData
 from clsim.render.device.launch import Tiles
 from clsim.render.subframe.retracer import Retracer
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static, load_world
@@ -302,3 +302,14 @@ def test_a_request_sees_the_cached_light_that_the_frame_was_rendered_in(light_hz
     finally:
         retracer.close()
         tracer.close()
+
+
+def test_once_it_is_cancelled_nothing_half_done_is_returned():
+    retracer = Retracer(SceneData(busy_world(), instants=True), RenderOptions(spp=1))
+    assert retracer.motion(0.0, 0.1) is not None
+    retracer.cancel()
+    with pytest.raises(RenderCancelled):
+        retracer.motion(0.1, 0.2)
+    with pytest.raises(RenderCancelled):
+        retracer.trace(np.zeros(1, np.int32), np.zeros(1))
+    retracer.close()
