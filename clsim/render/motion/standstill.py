@@ -64,13 +64,13 @@ class Standstill:
     def _stands(self, time_s: float) -> bool:
         """Whether all is where it was when this was asked last; false where that is not known."""
         exposed_s = (time_s - self._half_s, time_s, time_s + self._half_s) if self._half_s else (time_s,)
-        stands = True
+        known = True
         for k, motion in enumerate(self._motions):
             now, before = np.array([motion.pose(at_s) for at_s in exposed_s]), self._poses[k]
             self._poses[k] = now
-            stands = stands and before is not None and not have_moved(before, now).any()
-            if before is not None and not stands:
-                # A pose takes as long as many rays: the others are not asked for, and what they are is not known.
-                self._poses[k + 1 :] = [None] * (len(self._poses) - k - 1)
-                break
-        return stands
+            known = known and before is not None
+            if before is not None and have_moved(before, now).any():
+                # A pose takes as long as many rays: the others are not asked for now. Later they are compared with where
+                # they were then; a wrong answer of one frame does no harm, as several must be alike.
+                return False
+        return known

@@ -16,6 +16,7 @@ from clsim.scene import SphereLight, Static
 from clsim.scene.driven import Driven
 from clsim.scene.modulation import Pwm
 from tests.render import hand_worlds as hw
+from tests.render.motion.test_deform import Swell
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
@@ -107,9 +108,20 @@ def test_frames_at_rest_are_as_if_they_were_rendered(monkeypatch, rendered, who,
     assert log[:11].max() <= 2e-4 and log.mean() <= 2e-3
 
 
-def test_a_lamp_that_flickers_lets_nothing_rest(rendered):
-    frames(world_of(modulation=Pwm(25.0, 0.5)), CACHED, 6)
-    assert rendered == [0, 1, 2, 3, 4, 5]
+def test_a_lamp_that_goes_out_after_a_while_lets_nothing_rest(rendered):
+    """It shines alike for ten frames; and is seen to go out at the eleventh."""
+    shown = frames(world_of(modulation=Pwm(5.0, 0.5)), CACHED)[:, :3]
+    assert rendered == list(range(15))
+    assert shown[11].max() < 0.01 * shown[9].max()
+
+
+@pytest.mark.slow  # kernels of their own are compiled
+def test_what_deforms_lets_nothing_rest(rendered):
+    ball = hw.ball(0.4, rings=8, smooth=True)
+    world = world_of()
+    swells = replace(ball, deformation=Swell(ball, smooth=True))
+    frames(replace(world, meshes=(*world.meshes[:2], swells)), CACHED, 6)
+    assert rendered == list(range(6))
 
 
 @pytest.mark.slow  # kernels of their own are compiled
