@@ -70,7 +70,7 @@ class Standstill:
             self._poses[k] = now
             known = known and before is not None
             if before is not None and have_moved(before, now).any():
-                # A pose takes as long as many rays: the others are not asked for now. Later they are compared with where
-                # they were then; a wrong answer of one frame does no harm, as several must be alike.
+                # A pose takes as long as many rays: the others are not asked for now. Later they are compared with
+                # where they were then; a wrong answer of one frame does no harm, as several must be alike.
                 return False
         return known
