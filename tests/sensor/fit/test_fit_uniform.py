@@ -14,7 +14,7 @@ from clsim.errors import InputError
 from clsim.events import empty_batch
 from clsim.sensor import load_sensor
 from clsim.sensor.fit import uniform
-from clsim.sensor.fit.fitted import noise_table
+from clsim.sensor.fit.fitted import noise_table, sensor_file, uniform_rows
 from clsim.sensor.fit.still import Counts
 from clsim.sensor.fit.uniform import Rates, UniformFit, fit_uniform, look_probabilities, rates_of
 
@@ -99,10 +99,12 @@ def test_noise_of_another_kind_tells_no_thresholds():
     assert found.on is None and found.photons_per_lux is None and found.misfit > 25
 
 
-def test_noise_that_is_alike_in_all_light_tells_nothing_but_leak():
+def test_noise_that_is_alike_in_all_light_tells_nothing_but_leak(tmp_path):
     found = fit_uniform([Rates(lux, (0.018, 3e-4), (0.012, 3e-4)) for lux in LUX])
     assert found.on is found.off is found.photons_per_lux is found.dark_photons is found.look_s is None
     assert found.leak_hz[0] == pytest.approx(0.006, rel=0.3) and found.leak_hz_per_lux[0] < 1e-5
+    (tmp_path / "a.toml").write_text(sensor_file("a", (4, 4), list(uniform_rows(found)), "still.npz", "davis346"))
+    assert load_sensor(str(tmp_path / "a.toml")).threshold == load_sensor("davis346").threshold
 
 
 def test_a_file_is_a_sensors_also_where_leak_explains_more_events_than_there_were(tmp_path):
