@@ -5,8 +5,9 @@ import pytest
 
 from clsim.frames import Frame
 from clsim.live.options import LiveOptions
-from clsim.live.sensors import LightMeter
+from clsim.live.sensors import meter_for
 from clsim.live.stages import plan_stages
+from clsim.scene import Sensor
 from clsim.sensor import load_sensor
 
 
@@ -36,6 +37,7 @@ def test_it_is_too_dark_where_half_of_the_picture_is_however_bright_the_rest(dar
     """0.04 lux leave a DAVIS346 29 % of the contrast; pixels without a level, as of NaN, do not count."""
     lux = np.full(120, 1e4, np.float32)
     lux[:dark_pixels], lux[100:] = 0.04, np.nan
-    meter = LightMeter(load_sensor("davis346"), 100.0)
-    meter.show_frame(Frame(np.zeros((1, 10, 12), np.float32), ("R",)), np.log(lux / 100.0).reshape(10, 12))
+    meter = meter_for(load_sensor("davis346"), Sensor(scale=4.0, lux_per_unit=100.0))
+    assert meter is not None
+    meter.show_frame(Frame(np.zeros((1, 10, 12), np.float32), ("R",)), np.log(4.0 * lux / 100.0).reshape(10, 12))
     assert (meter.told is not None and "darker than 0.04 lux" in meter.told) is told

@@ -8,6 +8,10 @@ import warp as wp
 
 import clsim
 from clsim.errors import Error, InputError
+from clsim.frames import Frame
+from clsim.live.options import LiveOptions
+from clsim.live.stages import plan_stages
+from clsim.scene import Sensor
 from clsim.sensor import load_sensor
 from clsim.sensor.pixel_stages import Delay, Leak, Refractory, Threshold
 from clsim.sensor.settings import Optics, Readout, SensorSettings
@@ -219,6 +223,19 @@ def test_a_renderers_unit_of_light_is_told_by_scale_or_by_lux() -> None:
             pixels.push(ramp(0.0) / np.float32(unit), 0)
             found.append(pixels.push(ramp(2.0) / np.float32(unit), 50_000).tobytes())
     assert found[0] == found[1] == found[2] and len(found[0]) > 1000
+    # And so in a scene, whose frames are shown here without being rendered.
+    for unit in (1.0, 0.25):
+        world = replace(
+            clsim.load_scene("still", resolution=(WIDTH, HEIGHT)), sensor=Sensor(scale=unit, lux_per_unit=100 * unit)
+        )
+        stages = plan_stages(LiveOptions("still", sensor="davis346"), world)
+        planes = np.zeros((len(stages.planes), HEIGHT, WIDTH), np.float32)
+        detector, frame = stages.build_detector(), Frame(planes, stages.planes)
+        for frame.time_us, gain in ((0, 0.0), (50_000, 2.0)):
+            planes[:3] = ramp(gain) / np.float32(unit)
+            found.append(detector.step(frame).tobytes())
+        detector.close()
+    assert found[4] == found[6] and len(found[4]) > 1000
 
 
 @pytest.mark.parametrize(("on", "off"), [(0.3, 0.45), (None, 0.45), (0.3, None), (None, None)])
