@@ -171,3 +171,10 @@ def test_a_video_with_fewer_frames_than_there_are_times_is_told(tmp_path):
         assert len(list(clsim.events_from(str(path), times, transfer="srgb"))) == count
     with pytest.raises(InputError, match=r"a\.mkv: ends after 3 frames, but there are 5 times"):
         list(clsim.events_from(str(path), (0, 10, 20, 30, 40), transfer="srgb"))
+
+
+def test_a_transfer_function_that_is_not_known_is_told_as_such(tmp_path):
+    for told, sentence in ((2, "does not tell its transfer function"), (4, "has the transfer function 4 of H.273")):
+        path = write_clip(tmp_path / "a.mkv", [np.zeros((8, 8), np.uint8)], [0], pixels="gray", trc=told)
+        (warning,) = Video(path).warnings
+        assert sentence in warning and warning.endswith(": taken as bt709; see `transfer`")
