@@ -89,8 +89,7 @@ def fire(levels: Levels, thresholds: F64) -> EventBatch:
         count = np.floor(change / step).astype(np.int64)
         pixel = np.repeat(np.arange(len(change)), count)
         nth = np.arange(len(pixel)) - np.repeat(np.cumsum(count) - count, count) + 1
-        # What lies beyond a threshold already would have fired before.
-        origin = np.clip(before, reference - off_size, reference + on_size)[pixel]
+        origin = before[pixel]
         share = (reference[pixel] + nth * step[pixel] - origin) / (after[pixel] - origin)
         t = start_us + np.ceil(share * (end_us - start_us)).astype(np.int64)
         batches.append(_batch(np.clip(t, start_us + 1, end_us), pixel, on[pixel], width))
