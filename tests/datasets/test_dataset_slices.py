@@ -226,6 +226,20 @@ def test_shards_hold_the_same_slices(folder):
     assert set(samples[0]) >= {"events.h5", "json"}
 
 
+def test_files_in_folders_are_of_their_sequences_sample(folder):
+    """As those of the layout dsec are."""
+    import webdataset
+
+    place = sequence_folder(folder, 2)
+    told = vars(read_done(place))
+    (place / "sequence.dsec").mkdir()
+    (place / "events.h5").rename(place / "sequence.dsec" / "events.h5")
+    told["files"] = {"sequence.dsec/events.h5": told["files"]["events.h5"]}
+    (place / "job.json").write_text(json.dumps(told))
+    (sample,) = webdataset.WebDataset([str(write_shards(folder, "webdataset")[0])], shardshuffle=False)
+    assert sample["__key__"] == "000002" and set(sample) >= {"sequence.dsec.events.h5", "json"}
+
+
 def test_workers_share_shards(folder):
     write_shards(folder, "webdataset", size=1)
     alone, first, second = (

@@ -105,7 +105,7 @@ def test_a_bundled_specification_shows_the_users_pictures(tmp_path, monkeypatch)
     assert seen == {"0", "1", "2"}
 
 
-def test_the_hash_hangs_on_all_but_the_count(tmp_path):
+def test_the_hash_hangs_on_all_but_the_count(tmp_path, monkeypatch):
     plain = spec_of(tmp_path)
     assert plain.job_hash(2) == spec_of(tmp_path, count=100).job_hash(2) != plain.job_hash(3)
     for old, new in (
@@ -113,8 +113,28 @@ def test_the_hash_hangs_on_all_but_the_count(tmp_path):
         ("two-boxes", "cornell"),
         ("count = 6", "count = 6\nseeds = { noise = 1 }"),
         ("count = 6", "count = 6\nreject = { nearest_m = 1.0 }"),
+        ("train = 0.5, test = 0.5", "train = 0.75, test = 0.25"),
+        ("[run]", "[write]\nlayout = 'dsec'\n[run]"),
+        ("[run]", "[write]\nalso = ['a.csv']\n[run]"),
     ):
-        assert spec_of(tmp_path, _TEXT.replace(old, new)).digest != plain.digest
+        assert spec_of(tmp_path, _TEXT.replace(old, new)).digest != plain.digest, new
+    digest = plain.digest
+    monkeypatch.setattr("clsim.datasets.spec.VERSION", "0.0.1")  # which may make other events
+    assert plain.digest != digest
+
+
+def test_options_of_a_run_are_drawn_from_the_sensors_stream(tmp_path):
+    plain, sensor, scene = (
+        spec_of(tmp_path, f"seeds = {{ {seeds} }}\n{_TEXT}").sample(0) for seeds in ("", "sensor = 1", "scene = 1")
+    )
+    assert plain.run == scene.run and plain.run["threshold"] != sensor.run["threshold"]
+    assert plain.scene == sensor.scene
+
+
+def test_a_part_without_a_share_is_none(tmp_path):
+    """What is held out is shared out over the others."""
+    text = _TEXT.replace("test = 0.5", "val = 0, test = 0.5")
+    assert spec_of(tmp_path, text).parts == (("train", 0.5), ("test", 0.5))
 
 
 def test_files_are_listed_from_the_specifications_folder(tmp_path):
@@ -158,6 +178,9 @@ def test_files_lie_beside_the_specification(tmp_path, text):
         ("split = { a = 0.5 }", "add up to 1"),
         ("split = { a = 'x' }", "split must have a share"),
         ("[reject]\nflow_p95_px = [0, 1]", "needs run.truth to hold 'flow'"),
+        ("[reject]\nmoving_share = [0, 1]", "needs run.truth to hold 'flow'"),
+        ("[reject]\nnearest_m = 1", "needs run.truth to hold 'depth'"),
+        ("run.truth = 'all'\nreject.nearest_m = 1\nwrite.layout = 'dsec'", "and the layout h5"),
         ("[reject]\nattempts = 0", "`attempts` must be at least 1"),
         ("[write]\nlayout = 'rosbag'", "`layout`"),
         ("[write]\nalso = ['../x.csv']", "write.also"),
