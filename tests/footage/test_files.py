@@ -111,12 +111,15 @@ def test_what_a_container_tells_of_its_end(tmp_path: Path, name: str) -> None:
             assert told is not None and re.match(r"lacks \d+ of|ends within the head", told)
 
 
-def test_a_last_frame_that_is_not_whole_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lead", [b"", b"time"], ids=["alone", "after a time, as camcorders write them"])
+def test_a_last_frame_that_is_not_whole_is_told(tmp_path: Path, lead: bytes) -> None:
     """Where a transport stream tells how long a frame is, whole packets of it may be missing."""
     head = bytes([0x47, 0x41, 0x00, 0x10]) + b"\0\0\1\xe0" + (500).to_bytes(2, "big")
-    packets = [head + bytes(188 - len(head)), *(bytes([0x47, 0x01, 0x00, 0x10 | k]) + bytes(184) for k in (1, 2))]
-    for count, missing in ((1, 500 + 6 - 184), (2, 500 + 6 - 2 * 184), (3, None)):
-        (tmp_path / "a.ts").write_bytes(b"".join([bytes([0x47, 0x1F, 0xFF, 0x10]) + bytes(184)] * 3 + packets[:count]))
+    stuffed = bytes([0x47, 0x01, 0x00, 0x31, 9]) + bytes(183)  # ten bytes of which are no payload
+    packets = [head + bytes(188 - len(head)), stuffed, bytes([0x47, 0x01, 0x00, 0x12]) + bytes(184)]
+    for count, missing in ((1, 500 + 6 - 184), (2, 500 + 6 - 184 - 174), (3, None)):
+        all_ = [bytes([0x47, 0x1F, 0xFF, 0x10]) + bytes(184)] * 3 + packets[:count]
+        (tmp_path / "a.ts").write_bytes(b"".join(lead + packet for packet in all_))
         expected = None if missing is None else f"lacks {missing} bytes of its last frame"
         assert cut_end(str(tmp_path / "a.ts"), "mpegts") == expected
 
