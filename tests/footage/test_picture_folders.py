@@ -30,7 +30,7 @@ def pictures(folder, names):
         ((0, 1, 2, 3), None),
         ((0, 10, 20), None),
         ((0, 33, 67, 100, 133, 167, 200), None),
-        ((3, 17, 18, 40, 90), None),
+        ((3, 4, 18, 40, 90), None),
         ((7,), "is taken as one picture"),
     ],
 )

@@ -126,7 +126,7 @@ def test_tiff_with_any_wrong_byte_is_a_picture_or_a_sentence(tmp_path: Path, opt
             assert found.ndim == 3
 
 
-@pytest.mark.parametrize("pages", [1, 3])
+@pytest.mark.parametrize("pages", [1, 2])
 @pytest.mark.parametrize("kind", [np.uint8, np.float32])
 def test_a_folder_of_tiff_with_several_pages_each_is_told(tmp_path: Path, pages: int, kind: type) -> None:
     for k in range(2):
