@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from clsim.errors import InputError
 from clsim.events.batch import gather
 from clsim.footage.arrays import Arrays
 from clsim.footage.source import Reading
-from clsim.footage.video import Video
+from clsim.footage.video import Video, told_end
 from clsim.frames import RADIANCE, Frame, SourceEnded, page_aligned
 from tests.footage.clips import HEIGHT, WIDTH, encode, grating, grating_events, write_clip
 
@@ -178,3 +179,23 @@ def test_a_transfer_function_that_is_not_known_is_told_as_such(tmp_path):
         path = write_clip(tmp_path / "a.mkv", [np.zeros((8, 8), np.uint8)], [0], pixels="gray", trc=told)
         (warning,) = Video(path).warnings
         assert sentence in warning and warning.endswith(": taken as bt709; see `transfer`")
+
+
+@pytest.mark.parametrize(
+    ("kind", "stream", "whole", "end_s"),
+    [
+        ("mov,mp4,m4a", (500, 2000, {}), (None, None), 2.5),
+        ("matroska,webm", (0, None, {"DURATION": "01:02:03.500000000"}), (None, None), 3723.5),
+        ("matroska,webm", (0, None, {}), (500_000, 2_000_000), 2.5),
+        ("avi", (0, 9000, {}), (0, 2_000_000), 2.0),
+        ("mpegts", (0, 9000, {}), (0, 2_000_000), None),
+    ],
+)
+def test_the_end_that_a_header_tells_counts_from_where_time_begins(kind, stream, whole, end_s):
+    """A film longer than an hour, or whose picture comes late, is cut all the same where it ends before."""
+    names = ("start_time", "duration", "metadata")
+    video = SimpleNamespace(time_base=Fraction(1, 1000), **dict(zip(names, stream, strict=True)))
+    streams = type("Streams", (list,), {"video": [video]})([video])
+    container = SimpleNamespace(format=SimpleNamespace(name=kind), streams=streams)
+    container.start_time, container.duration = whole
+    assert told_end(container) == end_s
