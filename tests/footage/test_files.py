@@ -17,7 +17,7 @@ from PIL import Image
 from clsim.errors import InputError
 from clsim.footage.displacement import Displacement
 from clsim.footage.images import Pictures
-from clsim.footage.open import is_footage
+from clsim.footage.open import is_footage, open_footage
 from clsim.footage.source import Footage, Reading
 from clsim.footage.video import Video
 from clsim.footage.wholeness import cut_end
@@ -252,8 +252,8 @@ def test_pictures_beside_exr_frames_are_no_footage(tmp_path: Path, pattern: str)
 )
 def test_one_film_is_taken_as_one(tmp_path: Path, names: list[str]) -> None:
     place = folder(tmp_path / "folder", *names)
-    source = Pictures(place, Reading(fps=10.0))
-    assert source.frame_count == len(names)
+    for pattern in (str(place), f"{place}/*"):
+        assert open_footage(pattern, Reading(fps=10.0)).frame_count == len(names)
 
 
 def test_times_that_repeat_name_the_options_that_help(tmp_path: Path) -> None:
