@@ -50,9 +50,9 @@ def test_tiff_that_holds_jpeg_is_refused_and_not_black(tmp_path: Path) -> None:
         light(tmp_path / "a.tif")
 
 
-@pytest.mark.parametrize("kind", [np.int8, np.int16])
-def test_tiff_of_numbers_with_a_sign_is_refused(tmp_path: Path, kind: type) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", (GREY >> 9).astype(kind))
+@pytest.mark.parametrize("kind", [np.int8, np.int16, np.uint32])
+def test_tiff_of_numbers_with_a_sign_or_of_many_bits_is_refused(tmp_path: Path, kind: type) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", (GREY >> 9).astype(kind), tile=(16, 16))
     with pytest.raises(InputError, match=r"a\.tif: .* expected grey or RGB of 8 or 16 bits without a sign"):
         light(tmp_path / "a.tif")
 
