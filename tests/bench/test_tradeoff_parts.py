@@ -28,10 +28,13 @@ from clsim.bench.tradeoff.settings import (
 )
 from clsim.bench.tradeoff.stopwatch import Stopwatch
 from clsim.bench.tradeoff.summary import summarise, turned_knobs
+from clsim.bench.tradeoff.sweep import figures
 from clsim.detect.config import DetectorConfig
+from clsim.events import empty_batch
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
 from clsim.scene import Sensor, load_world
+from clsim.score import score
 
 _few = st.integers(0, 5).map(float)
 
@@ -265,3 +268,15 @@ def test_a_detector_of_the_sweep_sees_as_the_scenes_sensor_does() -> None:
     for point in quick_points(0):
         config = point.detector.config(sensor)
         assert (config.threshold_on, config.threshold_off, config.scale, config.floor) == (0.3, 0.4, 5.0, 0.6)
+
+
+def test_figures_add_up_costs_and_tell_how_many_events_are_true() -> None:
+    """Three of four events have a partner, of six true ones."""
+    truth = empty_batch(6)
+    truth["t"], truth["x"], truth["y"], truth["on"] = np.arange(6) * 10_000, np.arange(6), 0, True
+    found = truth[:4].copy()
+    found["on"][3] = False
+    costs = {"render_cpu_s": 2.0, "detect_cpu_s": 0.5, "render_wall_s": 3.0, "detect_wall_s": 1.0}
+    told = figures(score(found, truth, 8, 4, 100.0, within_us=(1000,)), costs)
+    assert (told["true_events"], told["cpu_s"], told["wall_s"]) == (3, 2.5, 4.0)
+    assert told["f1_within_1ms"] == pytest.approx(2 * 3 / (4 + 6))
