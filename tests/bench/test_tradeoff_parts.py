@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clsim.bench.tradeoff import measure
+from clsim.bench.tradeoff import measure, mismatch, reference_cache
 from clsim.bench.tradeoff.content_key import content_key, world_key
 from clsim.bench.tradeoff.pareto import pareto_front
 from clsim.bench.tradeoff.point_store import PointStore
@@ -30,7 +30,7 @@ from clsim.bench.tradeoff.stopwatch import Stopwatch
 from clsim.bench.tradeoff.summary import summarise, turned_knobs
 from clsim.bench.tradeoff.sweep import figures
 from clsim.detect.config import DetectorConfig
-from clsim.events import empty_batch
+from clsim.events import EVENT_DTYPE, empty_batch
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
 from clsim.scene import Sensor, load_world
@@ -280,3 +280,22 @@ def test_figures_add_up_costs_and_tell_how_many_events_are_true() -> None:
     told = figures(score(found, truth, 8, 4, 100.0, within_us=(1000,)), costs)
     assert (told["true_events"], told["cpu_s"], told["wall_s"]) == (3, 2.5, 4.0)
     assert told["f1_within_1ms"] == pytest.approx(2 * 3 / (4 + 6))
+
+
+def test_a_kept_reference_that_is_not_whole_is_none(tmp_path: Path) -> None:
+    """However it was damaged: it is rendered anew."""
+    events = np.zeros(50, EVENT_DTYPE)
+    levels = mismatch.Levels(np.random.default_rng(0).random((4, 6, 8), np.float32), np.arange(4))
+    path = tmp_path / "reference.npz"
+    reference_cache._save(
+        path, reference_cache.Reference(dict.fromkeys(reference_cache.RULES, events), levels, 1.0, 2.0)
+    )
+    data = path.read_bytes()
+    found = reference_cache._load(path)
+    assert found is not None and np.array_equal(found.levels.values, levels.values) and found.wall_s == 2.0
+    for place in range(0, len(data), 40):
+        path.write_bytes(data[:place])
+        assert reference_cache._load(path) is None
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0xFF]) + data[place + 1 :])
+        found = reference_cache._load(path)
+        assert found is None or np.array_equal(found.levels.values, levels.values)
