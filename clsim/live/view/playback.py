@@ -101,22 +101,20 @@ class Playback:
             last_s = time.monotonic()
             while True:
                 with self._changed:
-                    idle = self._changed.wait_for(
-                        lambda: self._closing or self._seek_us is not None or self._playing, 1.0
-                    )
+                    rested = not self._playing
+                    self._changed.wait_for(lambda: self._closing or self._seek_us is not None or self._playing, 1.0)
                     if self._closing:
                         return
                     seek_us, self._seek_us = self._seek_us, None
-                if not idle or seek_us is not None:
-                    last_s = time.monotonic()
+                now_s = time.monotonic()
                 if seek_us is not None:
                     reader = self._jump(reader, seek_us)
-                elif idle:
-                    now_s = time.monotonic()
+                    now_s = time.monotonic()  # what was read on the way was not played
+                elif not rested:
                     self._advance(reader, int((now_s - last_s) * 1e6 * self._speed))
-                    last_s = now_s
                     with self._changed:
                         self._changed.wait_for(lambda: self._closing or self._seek_us is not None, PERIOD_S)
+                last_s = now_s
         finally:
             reader.close()
 

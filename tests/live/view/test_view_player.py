@@ -11,6 +11,7 @@ from clsim.events import EventBatch
 from clsim.events.files import open_sink, open_source
 from clsim.events.formats.aedat4 import Aedat4Sink, read_frames
 from clsim.events.formats.filesink import FlushPolicy
+from clsim.events.formats.filesource import EventSource
 from tests.live.view.view_events import random_events
 
 pytest.importorskip("aiohttp", reason="the page is an extra")
@@ -47,6 +48,7 @@ class Browser(Hub):
         self.shown.append((head[3], packet[HEADER.size :]))
 
     def seek(self, now_us: int) -> None:
+        self.sought_s = time.monotonic()
         self.seeks.append(now_us)
         self.events.clear()
 
@@ -156,6 +158,32 @@ def test_play_goes_on_from_a_seek(playback: Playback, browser: Browser) -> None:
     play_to_the_end(playback)
     assert np.array_equal(browser.seen, EVENTS[EVENTS["t"] >= 3_000_000])
     assert np.unique(browser.seen["t"]).size == np.unique(EVENTS["t"]).size
+
+
+def played_no_longer(player: Playback, from_us: int, since_s: float) -> bool:
+    """Whether no more has been played than time has passed, once something has been."""
+    wait_until(lambda: player.status()["position_us"] > from_us)
+    return bool(player.status()["position_us"] - from_us <= 1e6 * (time.monotonic() - since_s) + 1_000)
+
+
+def test_play_goes_on_from_where_it_was_paused_however_long(playback: Playback) -> None:
+    time.sleep(0.1)
+    paused_us, began_s = playback.status()["position_us"], time.monotonic()
+    playback.control(Switch("play", True))
+    assert played_no_longer(playback, paused_us, began_s)
+
+
+def test_the_time_that_a_seek_takes_is_not_played(recording: Path, browser: Browser) -> None:
+    def slow() -> EventSource:
+        time.sleep(0.05)
+        return open_source(recording)
+
+    player = Playback(slow, browser, browser.errors.append)
+    player.control(Seek(3_500_000))
+    wait_until(lambda: bool(browser.seeks))
+    assert played_no_longer(player, 3_500_000, browser.sought_s)
+    player.close()
+    player.join(5)
 
 
 def test_a_loop_begins_anew(playback: Playback, browser: Browser) -> None:
