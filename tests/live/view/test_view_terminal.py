@@ -51,8 +51,9 @@ def many(x: int, y: int, on: bool, t: int = 0, count: int = 50) -> EventBatch:
     return batch
 
 
-def test_events_appear_where_they_are_and_in_their_colour() -> None:
-    view = TerminalView(8, 6, FULL_COLOUR)
+@pytest.mark.parametrize("name", ["truecolor", "24bit"])
+def test_events_appear_where_they_are_and_in_their_colour(name: str) -> None:
+    view = TerminalView(8, 6, {"COLORTERM": name})
     events = [(0, 0, True), (7, 0, False), (3, 2, True), (3, 3, False), (7, 5, True)]
     for x, y, on in events:
         view.write(many(x, y, on), end_of(many(x, y, on)))
@@ -78,7 +79,7 @@ def test_old_events_fade_and_vanish() -> None:
     view = TerminalView(2, 2, FULL_COLOUR)
     view.write(many(0, 0, True, t=1000, count=2), end_of(many(0, 0, True, t=1000, count=2)))
     strong = pixels(view.picture(2, 1, now_us=1000))[0][0]
-    weak = pixels(view.picture(2, 1, now_us=1000 + int(terminal.DECAY_US)))[0][0]
+    weak = pixels(view.picture(2, 1, now_us=1000 + int(1.5 * terminal.DECAY_US)))[0][0]
     assert pixels(view.picture(2, 1))[0][0] == weak, "what has faded does not come back"
     gone = pixels(view.picture(2, 1, now_us=1000 + 5 * int(terminal.DECAY_US)))[0][0]
     assert strong != weak != "" and gone == ""
@@ -115,7 +116,10 @@ def test_a_screen_is_painted_over_itself_and_gives_the_cursor_back(monkeypatch: 
     first = stream.getvalue()
     screen.paint("second", 0)
     second = stream.getvalue()[len(first) :]
+    size = os.terminal_size((30, 12))
+    screen.paint("third", 0)
     screen.close()
+    assert stream.getvalue().count("\x1b[2J\x1b[H") == 1 and "\x1b[2J" not in first + second, "cleared when resized"
     assert first.count("\n") <= 11 and "than forty" in first and "columns" not in first
     assert f"\x1b[{first.count(chr(10))}F" in second
     assert stream.getvalue().startswith("\x1b[?25l") and stream.getvalue().endswith("\x1b[?25h")

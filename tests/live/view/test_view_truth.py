@@ -24,14 +24,18 @@ def test_the_first_picture_sets_the_range() -> None:
     show = DepthPicture()
     first = show(np.array([[1.0, 2.0, 3.0]]))
     assert np.array_equal(show(np.array([[2.0, 2.0, 2.0]]))[0, 0], first[0, 1])
+    flow, seen = FlowPicture(), np.ones((1, 1))
+    first, half = (flow(np.array([[(x, 0.0)]]), seen, seen)[0, 0].tolist() for x in (4.0, 2.0))
+    assert (first, half) == ([255, 0, 0], [255, 127, 127])
 
 
 def test_flow_has_the_colours_of_the_wheel() -> None:
-    flow = np.array([[(5.0, 0.0), (-5.0, 0.0), (0.0, 0.0), (5.0, 0.0), (5.0, 0.0)]])
-    picture = FlowPicture()(flow, np.array([[1, 1, 1, 1, 0]]), np.array([[1, 1, 1, 0, 0]]))[0].astype(int)
+    flow = np.array([[(5.0, 0.0), (-5.0, 0.0), (0.0, 0.0), (5.0, 0.0), (5.0, 0.0), (0.0, 5.0)]])
+    picture = FlowPicture()(flow, np.array([[1, 1, 1, 1, 0, 1]]), np.array([[1, 1, 1, 0, 0, 1]]))[0].astype(int)
     assert picture[0].tolist() == [255, 0, 0], "right is red"
     assert picture[1].tolist() == [0, 255, 255] and picture[2].tolist() == [255, 255, 255]
     assert picture[3].tolist() == [140, 0, 0] and picture[4].tolist() == [0, 0, 0]
+    assert picture[5].tolist() == [127, 255, 0], "down is green"
 
 
 @pytest.mark.parametrize("whatever", [0.0, 1e6, -1e6, np.nan, np.inf])
@@ -60,6 +64,9 @@ def test_pictures_of_a_recording_come_at_their_times(tmp_path: Path) -> None:
         found = list(recorded_pictures(str(path), shown))
         assert [time_us for time_us, _ in found] == [shot.time_us for shot in given.shots]
         assert all(p.shape == (recordings.HEIGHT, recordings.WIDTH, 3) and p.dtype == np.uint8 for _, p in found)
+    show, flows = FlowPicture(), [shot.planes["flow"] for shot in given.shots]
+    expected = [show(flow[..., :2], flow[..., 2], flow[..., 3]) for flow in flows]
+    assert np.array_equal([picture for _, picture in recorded_pictures(str(path), "flow")], expected)
     picture = dict(recorded_pictures(str(path), "ids"))[given.shots[1].time_us]
     assert np.array_equal(picture, ids_picture(given.shots[1].planes["object"]))
 
