@@ -16,7 +16,7 @@ _ON, _OFF = 0.2, 0.2137
 @pytest.fixture(scope="module")
 def clip():
     rng = np.random.default_rng(7)
-    base = rng.uniform(5, 200, (HEIGHT, WIDTH))
+    base = rng.uniform(0, 200, (HEIGHT, WIDTH))  # black too, where what is added to light counts
     sway = rng.uniform(0.3, 1.5, (HEIGHT, WIDTH))
     turn = rng.uniform(0, 6.28, (HEIGHT, WIDTH))
     return [np.clip(base * np.exp(sway * np.sin(0.35 * k + turn)), 0, 255).astype(np.uint8) for k in range(_FRAMES)]
