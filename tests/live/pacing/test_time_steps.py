@@ -16,9 +16,10 @@ from clsim.frames.exr import ExrSequence
 from clsim.live.options import LiveOptions
 from clsim.live.outputs.noting import NotingTracer
 from clsim.live.pacing.schedule import Schedule
-from clsim.live.pacing.time_steps import Looping
+from clsim.live.pacing.time_steps import Retracing
 from clsim.live.session import open_live
 from clsim.live.stages import plan_stages
+from clsim.render import RenderOptions
 from clsim.scene import load_world
 from clsim.score.matching import Sampling, one_to_one
 
@@ -57,7 +58,7 @@ def test_options_come_back_from_plain_values():
     assert LiveOptions.from_dict(options.as_dict()).time_tolerance_us == 20.0
 
 
-def test_a_loop_asks_for_the_times_of_its_motion():
+def test_a_loop_asks_for_the_times_of_its_motion(monkeypatch):
     class Tracer:
         names = ("R",)
         lit = True
@@ -73,7 +74,10 @@ def test_a_loop_asks_for_the_times_of_its_motion():
             self.asked = (start_s, end_s)
 
     tracer = Tracer()
-    looping = Looping(tracer, Schedule(30.0, 60, None, loop=True, periodic=True))
+    monkeypatch.setattr("clsim.render.SceneData", lambda *given, **named: None)
+    monkeypatch.setattr("clsim.render.subframe.retracer.Retracer", lambda *given, **named: tracer)
+    retracing = Retracing(100.0, None, RenderOptions())
+    looping = retracing.tracer(load_world("two-boxes"), Schedule(30.0, 60, None, loop=True, periodic=True))
     # The third pass begins at 4 s: its first step is that of the motion, and the step before leads beyond its end.
     looping.motion(119 / 30, 4.0)
     np.testing.assert_allclose(tracer.asked, (59 / 30, 2.0), atol=1e-6)
