@@ -26,7 +26,6 @@ def undisturbed(tmp_path_factory):
     out = tmp_path_factory.mktemp("undisturbed") / "set"
     done = make(load_spec(_TINY), out, workers=2)
     assert (done.whole, done.found, done.new, done.failures) == (4, 0, 4, {})
-    assert done.cpu_s == pytest.approx(sum(row["cpu_s"] for row in read_manifest(out)))
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -9,12 +10,13 @@ import platform
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from clsim.datasets import job
+from clsim.datasets import engine, job
 from clsim.datasets.engine import Progress, _missing, prepare
-from clsim.datasets.job import read_done, run_job, sequence_folder
+from clsim.datasets.job import Done, read_done, run_job, sequence_folder
 from clsim.datasets.measure import Figures
 from clsim.datasets.spec import Limits, load_spec
 from clsim.errors import InputError
@@ -115,6 +117,54 @@ def test_what_is_there_is_counted_before_more_is_made(tmp_path, spec, made):
     assert _missing(picky, tmp_path, False, progress) == [2, 3]
     assert (progress.whole, progress.found, progress.rejected) == (2, 2, 1)
     assert not sequence_folder(tmp_path, 2).exists()
+    torn = sequence_folder(tmp_path, 1)
+    (torn / "scene.toml").write_text("other")  # as long as it was
+    assert _missing(picky, tmp_path, False, Progress(4)) == [2, 3] and torn.exists()
+    assert _missing(picky, tmp_path, True, Progress(4)) == [1, 2, 3] and not torn.exists()
+
+
+def test_what_ends_badly_is_tried_again_and_what_stays_bad_is_told(tmp_path, spec, monkeypatch):
+    """Of a stand-in's workers: one dies now and then, one always; what is no scene would be none again."""
+
+    def done(index, **more):
+        return replace(Done(index, "", "", {}, {}, (), True, {"cpu_s": 2.0}), **more)
+
+    will = {
+        0: [done(0)],
+        1: [RuntimeError("died"), done(1)],
+        2: [InputError("no scene")],
+        3: [RuntimeError(f"died {k}") for k in (1, 2, 3, 4)],
+        4: [done(4, kept=False, rejected=("too dark", "too dark"))],
+    }
+
+    class Running(list):
+        add = list.append
+
+        def __iter__(self):
+            while self:
+                yield self.pop(0)
+
+    class Task:
+        def __init__(self, run, spec, index, out, threads, key):
+            self.index = index
+
+        def result(self):
+            found = will[self.index].pop(0)
+            if isinstance(found, Exception):
+                raise found
+            return found
+
+        def release(self):
+            pass
+
+    client = SimpleNamespace(submit=Task, scheduler_info=lambda n_workers: {"workers": {}})
+    monkeypatch.setattr("distributed.as_completed", Running)
+    monkeypatch.setattr(engine, "_client", lambda *given: contextlib.nullcontext((client, 1)))
+    monkeypatch.setattr(engine, "_compile", lambda *given: None)
+    progress = engine.make(replace(spec, count=5), tmp_path / "set")
+    assert progress.failures == {2: "InputError: no scene", 3: "RuntimeError: died 3"}
+    assert {index: len(rest) for index, rest in will.items()} == {0: 0, 1: 0, 2: 0, 3: 1, 4: 0}
+    assert (progress.whole, progress.found, progress.new, progress.rejected, progress.cpu_s) == (3, 0, 2, 1, 6.0)
 
 
 def test_a_specification_that_was_wrong_does_not_take_its_folder(tmp_path, spec, made):
