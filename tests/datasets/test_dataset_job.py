@@ -177,6 +177,12 @@ def test_a_specification_that_was_wrong_does_not_take_its_folder(tmp_path, spec,
         prepare(spec, out)
 
 
+@pytest.mark.parametrize("text", ["", "{}", "[]", "null", '{"files": 3}', '{"index": 1, "job": 2}', "\xff"])
+def test_a_job_file_that_tells_nothing(tmp_path, text):
+    (tmp_path / "job.json").write_text(text, encoding="latin-1")
+    assert read_done(tmp_path) is None
+
+
 def test_a_scene_that_cannot_be_is_told_without_the_hidden_folder(tmp_path):
     (tmp_path / "a.toml").write_text("count = 1\n")
     with pytest.raises(InputError, match=r"^the scene that is drawn: camera: is missing"):

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from PIL import Image
 
 from clsim.datasets import preview as preview_module
 from clsim.datasets.job import Done, run_job, sequence_folder
@@ -74,13 +75,23 @@ def test_what_all_will_cost_is_told_by_ten(tmp_path, monkeypatch, workers, hours
     """Of 100 sequences, each of 36 s and 50 MB, on a machine of eight cores: no more of them work at once."""
 
     def made(spec, index, out, threads):
-        return Done(index, "", "", {"events.h5": (50_000_000, "")}, {}, ("too dark",), False, {"cpu_s": 36.0})
+        assert spec.layout == "h5" and "intensity" in spec.run["truth"], "which the sheet is drawn from"
+        return Done(index, "", "", {"events.h5": (50_000_000, "")}, {}, ("too dark",) * 2, False, {"cpu_s": 36.0})
 
     monkeypatch.setattr(preview_module, "run_job", made)
     monkeypatch.setattr("os.cpu_count", lambda: 8)
-    told = preview_module.preview(load_spec(str(Path(__file__).parent / "tiny.toml"), 100), tmp_path, workers)
-    assert (told.samples, told.rejected) == (10, 10)
-    assert (told.cpu_hours, told.hours, told.gigabytes) == pytest.approx((1.0, hours, 5.0))
+    spec = replace(load_spec(str(Path(__file__).parent / "tiny.toml"), 100), layout="dsec")
+    for longest_s, samples in ((60.0, 10), (-1.0, 1)):
+        told = preview_module.preview(spec, tmp_path, workers, longest_s)
+        assert (told.samples, told.rejected) == (samples, 2 * samples)
+        assert (told.cpu_hours, told.hours, told.gigabytes) == pytest.approx((1.0, hours, 5.0))
+
+
+def test_samples_stand_in_rows_of_five(tmp_path):
+    preview_module._write_sheet([np.full((4, 6, 3), 30 * k, np.uint8) for k in range(6)], tmp_path / "a.png")
+    sheet = np.asarray(Image.open(tmp_path / "a.png"))[..., 0]
+    seen = sheet[1::8, 1::10].ravel().tolist()
+    assert sheet.shape == (2 * 8, 5 * 10) and seen == [0, 30, 60, 90, 120, 150, *[230] * 4]
 
 
 def test_a_sample_s_events_are_those_next_to_its_picture_in_time():
@@ -107,6 +118,8 @@ def test_a_sample_s_events_are_those_next_to_its_picture_in_time():
 def test_a_sequence_holds_what_was_asked_for_and_nothing_that_tells_of_the_clock(tmp_path):
     spec = load_spec(str(Path(__file__).parent / "tiny.toml"))
     short = replace(spec, run=spec.run | {"frame_count": 2}, also=("a.csv", "b.npz"))
-    done = run_job(short, 0, str(tmp_path), None)
+    done = run_job(short, 0, str(tmp_path), 2)
+    told = (sequence_folder(tmp_path, 0) / "events.h5").read_bytes()
+    assert b'"threads": null' in told and str(tmp_path).encode() not in told, "nor of the machine"
     assert set(done.files) >= {"scene.toml", "events.h5", "a.csv", "b.npz"}
     assert [each.name for each in sequence_folder(tmp_path, 0).glob("*.json")] == ["job.json"]

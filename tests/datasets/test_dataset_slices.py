@@ -50,9 +50,8 @@ def folder(tmp_path):
             file["frames/depth"] = np.arange(5)[:, None, None] + np.zeros((5, _H, _W), np.float32)
         data = path.read_bytes()
         files = {"events.h5": (len(data), hashlib.sha256(data).hexdigest())} if index != 3 else {}
-        done = Done(
-            index, f"job {index}", "train" if index < 2 else "test", files, {"events": 500}, (), index != 3, _COST
-        )
+        split, rejected = "train" if index < 2 else "test", ("dark",) * (index == 3)
+        done = Done(index, f"job {index}", split, files, {"events": 500}, rejected, index != 3, _COST)
         (place / "job.json").write_text(json.dumps(vars(done)))
     (sequence_folder(tmp_path, 4) / "events.h5").write_bytes(data[:-1])
     return tmp_path
@@ -133,6 +132,10 @@ def test_times_of_a_file_may_begin_later(folder):
         few = sequence.events(5_012_345, 5_023_456)
         assert len(few) == np.count_nonzero((events["t"] >= 12_345) & (events["t"] < 23_456))
         assert sequence.end_us == events["t"][-1] + 5_000_000
+    with h5py.File(path, "r+") as file:
+        file["frames/t"][-1] = 6_000_000
+    with Sequence(path) as sequence:
+        assert sequence.end_us == 6_000_000, "with the last frame, where nothing fires any more"
 
 
 def test_slices_by_frames_bring_truth(folder):
@@ -247,6 +250,8 @@ def test_workers_share_shards(folder):
         for worker, workers in ((0, 1), (0, 2), (1, 2))
     )
     assert first and second and sorted(first + second) == sorted(alone)
+    some = {next(iter(Slices(folder / "shards", shuffle_seed=seed)))["sequence"] for seed in range(12)}
+    assert some == {0, 1, 2}, "shuffled, each comes first at times"
 
 
 def test_shards_are_no_larger_than_asked_for(folder):
@@ -289,10 +294,12 @@ def test_tables_of_events(folder):
 
 
 def test_the_manifest_tells_what_is_whole(folder):
+    shutil.copytree(sequence_folder(folder, 1), folder / "sequences" / "000001 (copy)")
     write_manifest(folder)
     rows = read_manifest(folder)
     assert [row["index"] for row in rows] == [0, 1, 2, 3]
     assert [row["kept"] for row in rows] == [True, True, True, False]
+    assert [row["rejected"] for row in rows] == [[], [], [], ["dark"]]
     assert rows[0]["path"] == "sequences/000000"
     assert rows[0]["bytes"] == (sequence_folder(folder, 0) / "events.h5").stat().st_size
     assert {name: rows[0][name] for name in (*_COST, "events")} == _COST | {"events": 500}
@@ -306,12 +313,6 @@ def test_verifying_finds_a_changed_byte(folder):
     path.write_bytes(data)
     assert read_done(path.parent) is not None
     assert read_done(path.parent, verify=True) is None
-
-
-@pytest.mark.parametrize("text", ["", "{}", "[]", "null", '{"files": 3}', '{"index": 1, "job": 2}', "\xff"])
-def test_a_job_file_that_tells_nothing(tmp_path, text):
-    (tmp_path / "job.json").write_text(text, encoding="latin-1")
-    assert read_done(tmp_path) is None
 
 
 def test_a_voxel_grid_keeps_every_event():

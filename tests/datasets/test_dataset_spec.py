@@ -65,9 +65,10 @@ def test_a_base_moves_no_more_where_a_place_is_drawn(tmp_path, moves):
 
 
 def test_a_table_that_the_base_lacks_is_added(tmp_path):
-    (tmp_path / "bare.toml").write_text("fps = 60\n")
-    more = {"environment": {"radiance": [0.5, 0.5, 0.5]}}
+    (tmp_path / "bare.toml").write_text("fps = 60\nmaterials.wall.color_texture = 'a.png'\n")
+    more = {"environment": {"radiance": [0.5, 0.5, 0.5]}, "materials": {"floor": {"roughness": 0.5}}}
     (tmp_path / "a.toml").write_text(scene_text({"base": str(tmp_path / "bare.toml"), **more}))
+    more["materials"]["wall"] = {"color_texture": str(tmp_path / "a.png")}  # beside the base
     assert read_toml(tmp_path / "a.toml") == {"fps": 60, **more}
 
 
@@ -138,12 +139,12 @@ def test_a_part_without_a_share_is_none(tmp_path):
 
 
 def test_files_are_listed_from_the_specifications_folder(tmp_path):
-    (tmp_path / "models").mkdir()
-    for name in ("b.glb", "a.glb"):
+    (tmp_path / "models" / "more").mkdir(parents=True)
+    for name in ("more/b.glb", "a.glb"):
         (tmp_path / "models" / name).touch()
-    text = 'scene.objects = [{ file = { files = "models/*.glb" } }]\n'
+    text = 'scene.objects = [{ file = { files = "models/**/*.glb" } }]\n'
     drawn = {spec_of(tmp_path, text).sample(index).scene["objects"][0]["file"] for index in range(20)}
-    assert drawn == {str(tmp_path / "models" / name) for name in ("a.glb", "b.glb")}
+    assert drawn == {str(tmp_path / "models" / name) for name in ("a.glb", "more/b.glb")}
 
 
 @pytest.mark.parametrize(

@@ -68,9 +68,9 @@ def test_the_cost_of_a_few_sequences_is_told_in_seconds_and_megabytes():
     few = preview.Preview("a.png", 3, 0.00093, 0.03, 0.0037, 0, ()).sentences
     assert few[0] == "3 samples are on a.png"
     assert "about 3.3 seconds of CPU time, 1.8 minutes on this machine, and 3.7 MB;" in few[1]
-    many = preview.Preview("a.png", 1, 412.0, 1.6, 1530.0, 2, ()).sentences
+    many = preview.Preview("a.png", 1, 412.0, 1.4, 1530.0, 2, ()).sentences
     assert many[0] == "1 sample is on a.png; attempts that were not kept: 2"
-    assert "about 410 hours of CPU time, 1.6 hours on this machine, and 1,500 GB;" in many[1]
+    assert "about 410 hours of CPU time, 84 minutes on this machine, and 1,500 GB;" in many[1]
 
 
 def test_a_look_ahead_is_for_as_many_workers_as_are_asked_for(clsim, monkeypatch, tmp_path):
