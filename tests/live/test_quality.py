@@ -87,6 +87,7 @@ def test_balanced_holds_unless_a_quality_or_a_method_is_named() -> None:
     for method in ("esim", "wlr-esim", "esim-ad", "irradiance"):
         assert options(method=method).point == replace(PLAIN, method=method)
     assert options(method="irradiance", sampling="adaptive").point == UNCACHED["balanced"]
+    assert options(confidence=1.0).point == UNCACHED["balanced"], "which knows the error of each pixel"
     assert options(method="irradiance", pace="real").point == UNCACHED["balanced"]
 
 
