@@ -206,6 +206,14 @@ def test_a_streams_transfer_function_is_that_of_its_number(told):
     assert pixel_format(frame, "a").transfer == H273[told]
 
 
+def test_what_a_stream_does_not_tell_follows_from_what_it_does():
+    """BT.2020's primaries have its weights (Rec. ITU-R BT.2020, table 4), and yuvj is full range by its name."""
+    frame = av.VideoFrame(16, 12, "yuv420p")
+    frame.color_primaries = 9
+    assert pixel_format(frame, "a").weights == (0.2627, 0.0593) and not pixel_format(frame, "a").full
+    assert pixel_format(av.VideoFrame(16, 12, "yuvj420p"), "a").full
+
+
 def test_a_frame_is_read_alike_however_often():
     """Several threads of libav's get one of some thousand frames of P010 wrong."""
     asked = []
