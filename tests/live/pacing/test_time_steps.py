@@ -35,6 +35,7 @@ def gathered(**options):
     ("given", "message"),
     [
         ({"time": "adaptive", "method": "esim-ad"}, "`method` esim or irradiance, got esim-ad"),
+        ({"time": "adaptive", "method": "wlr-esim"}, "`method` esim or irradiance, got wlr-esim"),
         ({"time": "adaptive", "quality": "published"}, "`method` esim or irradiance, got esim-ad"),
         ({"time": "adaptive", "quality": "exact", "noise": "independent"}, "`noise` common, got independent"),
         ({"time": "adaptive", "event_rule": "frame"}, "`event_rule` interpolated or linear-light, got frame"),
