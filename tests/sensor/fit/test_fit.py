@@ -122,6 +122,20 @@ def test_a_leak_is_found_in_less_than_its_period():
     assert found.leak_decades == pytest.approx((0.25, 0.25))
 
 
+@pytest.mark.slow
+def test_a_leak_is_found_under_noise_that_takes_it_back():
+    """Noise of either polarity, twice a second, sets pixels back that leak in one: few get as far."""
+    draw, seconds = np.random.default_rng(5), 60
+    waits = draw.exponential(0.5, (1000, 240))
+    ends = waits.cumsum(axis=1)
+    noise, ups = ends < seconds, draw.random(waits.shape) < 0.5
+    rests = seconds - np.where(noise, ends, 0.0).max(axis=1)
+    leaks = (np.floor(waits) * noise).sum(axis=1) + np.floor(rests)
+    on, off = leaks + (noise & ups).sum(axis=1), (noise & ~ups).sum(axis=1)
+    found = fit_still(Counts(on.astype(int)[:, None], off[:, None], float(seconds)))
+    assert found.leak_hz[0] == pytest.approx(1.0, rel=0.03) and found.noise_hz[0] == pytest.approx(1.0, rel=0.02)
+
+
 @pytest.mark.parametrize("periods", [1.05, 2.0])
 def test_a_spread_of_leaks_is_found_in_periods_of_any_number(periods):
     generator, shape = np.random.default_rng(3), (150, 200)
