@@ -49,7 +49,7 @@ def errors_off(found):
 
 
 def test_chances_are_those_of_all_pairs_of_counts():
-    photons, dark, on, off = 3.0, 1.5, 0.3, 0.4
+    photons, dark, on, off = 3.0, 0.4, 0.3, 0.4
     expected = np.zeros(2)
     spread = np.random.default_rng(1).normal(1.0, 0.1, 20_000)
     for m in range(25):
