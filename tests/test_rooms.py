@@ -21,7 +21,7 @@ ALLOWED = {
     "caches": ("errors",),
     "forks": ("errors",),
     "frames": ("errors", "version"),
-    "scene": ("errors", "values"),
+    "scene": ("errors", "frames", "values"),
     "opencl": ("caches", "errors", "forks", "version"),
     "events": ("errors", "frames", "values", "version"),
     "footage": ("errors", "frames"),

@@ -5,6 +5,8 @@ Source: Kainz et al., Technical Introduction to OpenEXR, https://openexr.com
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +18,7 @@ from clsim.frames.frame import FloatArray
 from clsim.frames.primaries import luminance_weights, to_rec709
 
 _MOST_PIXELS = 1 << 27
+_WINDOWS = ("dataWindow", "displayWindow")
 
 
 class _Window(NamedTuple):
@@ -29,11 +32,15 @@ class _Window(NamedTuple):
         return self.bottom - self.top + 1, self.right - self.left + 1
 
 
-def read_channels(file: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
+def read_channels(
+    file: Path, *, colours: bool = True, check_size: Callable[[int, int], None] | None = None
+) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
     """Read all channels ``[H, W]``, of a multi-part file as ``part.channel``, and the first part's header.
 
     H and W are those of the display window. Pixels that a part's data window does not hold are 0, depths of Blender's
-    are infinite there. Of files of luminance, with or without chroma, R, G and B are made, and colours are Rec. 709's.
+    are infinite there. Of files of luminance, with or without chroma, R, G and B are made. Colours are Rec. 709's, or
+    with ``colours`` false as they are. ``check_size`` is told the width and height of the largest window before any
+    pixel is read.
 
     Raises:
         InputError: the file cannot be read, is deep, or its parts have different display windows.
@@ -46,6 +53,9 @@ def read_channels(file: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, An
             parts = len(exr.parts)
             for part in exr.parts:
                 _check_kind(file, part, parts)
+            if check_size is not None:
+                shapes = [_window(file, part.header, name).shape for part in exr.parts for name in _WINDOWS]
+                check_size(*max(shapes, key=math.prod)[::-1])
         with OpenEXR.File(str(file), separate_channels=True) as exr:
             # OpenEXR drops parts whose pixels it cannot read, with no more than a warning.
             if len(exr.parts) < parts:
@@ -68,13 +78,14 @@ def read_channels(file: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, An
     if not channels:
         raise InputError(f"{file} has no channels")
     _add_colours(channels, header)
-    _to_rec709(channels, header)
+    if colours:
+        _to_rec709(channels, header)
     return channels, header
 
 
 def held_pixels(header: dict[str, Any]) -> FloatArray:
     """Return 1 where a part of that header holds pixels of the display window ``[H, W]``, else 0."""
-    held, shown = (_window(Path(), header, name) for name in ("dataWindow", "displayWindow"))
+    held, shown = (_window(Path(), header, name) for name in _WINDOWS)
     return np.asarray(_placed(np.ones(held.shape, np.float32), held, shown, 0))
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-import math
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
+from clsim.frames.exr_read import read_channels
+from clsim.frames.layouts import recognise
+from clsim.frames.planes import RADIANCE
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -89,7 +92,7 @@ def read_texture(path: Path, budget: PixelBudget, *, srgb: bool = True) -> U8:
         InputError: if it is missing, damaged or too large.
     """
     if is_linear(path):
-        linear = read_linear(path, budget)
+        linear = read_linear(path, budget, colours=srgb)
         return _opaque(encode_srgb8(linear) if srgb else np.clip(linear * 255.0 + 0.5, 0, 255).astype(np.uint8))
     return decode_rgba(str(path), _bytes(path), budget)
 
@@ -116,15 +119,17 @@ def _opaque(codes: U8) -> U8:
     return np.concatenate([codes, np.full((*codes.shape[:2], 1), 255, np.uint8)], axis=2)
 
 
-def read_linear(path: Path, budget: PixelBudget) -> F32:
+def read_linear(path: Path, budget: PixelBudget, *, colours: bool = True) -> F32:
     """Read an image as linear float32 ``[h, w, 3]``: OpenEXR and Radiance HDR as they are, others decoded from sRGB.
+
+    Colours are Rec. 709's: those of an OpenEXR file of other primaries are converted, unless ``colours`` is false.
 
     Raises:
         InputError: if it is missing, damaged, too large, or holds negative or non-finite numbers only.
     """
     suffix = path.suffix.lower()
     if suffix == ".exr":
-        pixels = _read_exr(path, budget)
+        pixels = _read_exr(path, budget, colours=colours)
     elif suffix == ".hdr":
         pixels = decode_radiance_hdr(str(path), _bytes(path), budget)
     else:
@@ -209,57 +214,10 @@ def _rgbe_rows(source: str, body: bytes, width: int, height: int) -> U8:
     return np.ascontiguousarray(rows.transpose(0, 2, 1))
 
 
-def _read_exr(path: Path, budget: PixelBudget) -> F32:
-    import OpenEXR
-
-    _bytes_readable(path)
-    try:
-        with OpenEXR.File(str(path), header_only=True) as header:
-            held, shown = (np.array(header.header()[name], np.int64) for name in ("dataWindow", "displayWindow"))
-        sizes = [(high - low + 1).tolist() for low, high in (held, shown)]
-        for width, height in sizes:
-            if width < 1 or height < 1:
-                raise InputError(f"{path}: is {width}×{height}, expected at least one pixel")
-        budget.take(str(path), *max(sizes, key=math.prod))
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = file.channels()
-            names = [name for name in "RGB" if name in channels]
-            if not names and "Y" in channels and "X" not in channels:  # beside X it is no luminance
-                names = ["Y"]
-            if len(names) not in (1, 3):
-                raise InputError(f"{path}: has channels {', '.join(channels)}, expected R, G, B or Y")
-            if names == ["Y"] and {"RY", "BY"} & set(channels):
-                raise InputError(f"{path}: has luminance and chroma (Y, RY, BY), expected R, G, B or Y alone")
-            planes = [np.asarray(channels[name].pixels, np.float32) for name in names]
-    except InputError:
-        raise
-    except Exception as error:  # the library raises whatever its decoders stumble over
-        raise InputError(f"{path}: cannot be read as OpenEXR ({_short(error)})") from None
-    return _shown(np.stack(planes * (3 // len(planes)), axis=-1), held, shown)
-
-
-def _shown(pixels: F32, held: npt.NDArray[np.int64], shown: npt.NDArray[np.int64]) -> F32:
-    """Return a picture of the display window, black where the data window has no pixels; each is two corners x, y."""
-    if (held == shown).all():
-        return pixels
-    width, height = (shown[1] - shown[0] + 1).tolist()
-    picture = np.zeros((height, width, pixels.shape[2]), np.float32)
-    (left, top), (right, bottom) = np.maximum(held[0], shown[0]), np.minimum(held[1], shown[1]) + 1
-    if left < right and top < bottom:
-        rows, columns = slice(top - held[0, 1], bottom - held[0, 1]), slice(left - held[0, 0], right - held[0, 0])
-        at = slice(top - shown[0, 1], bottom - shown[0, 1]), slice(left - shown[0, 0], right - shown[0, 0])
-        picture[at] = pixels[rows, columns]
-    return picture
-
-
-def _bytes_readable(path: Path) -> None:
-    try:
-        with path.open("rb") as file:
-            magic = file.read(4)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    if magic != b"\x76\x2f\x31\x01":
-        raise InputError(f"{path}: is not an OpenEXR file")
+def _read_exr(path: Path, budget: PixelBudget, *, colours: bool) -> F32:
+    channels, _ = read_channels(path, colours=colours, check_size=partial(budget.take, str(path)))
+    names = recognise(channels, str(path)).channels
+    return np.stack([channels[names[name]] for name in RADIANCE], axis=-1).astype(np.float32)
 
 
 def _bytes(path: Path) -> bytes:

@@ -192,14 +192,45 @@ def test_a_picture_is_what_its_display_window_shows(tmp_path, held, shown, expec
     assert [(y, x, found[y, x, 1]) for y, x in zip(*np.nonzero(found[..., 1]), strict=True)] == expected
 
 
-def test_luminance_with_chroma_is_not_taken_for_grey(tmp_path):
+def test_luminance_with_chroma_has_colours(tmp_path):
     plane = np.ones((2, 2), np.float32)
     OpenEXR.File({}, {"Y": plane, "RY": plane / 2, "BY": -plane / 2}).write(str(tmp_path / "a.exr"))
-    with pytest.raises(InputError, match=r"has luminance and chroma \(Y, RY, BY\), expected R, G, B or Y alone"):
+    # Y = .2126 R + .7152 G + .0722 B (BT.709) is 1, R is 1.5 and B .5.
+    expected = (1.5, (1 - 0.2126 * 1.5 - 0.0722 * 0.5) / 0.7152, 0.5)
+    np.testing.assert_allclose(read_linear(tmp_path / "a.exr", PixelBudget())[1, 1], expected, atol=1e-6)
+
+
+ACES = {"chromaticities": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767)}
+"""SMPTE ST 2065-1."""
+
+
+def test_a_sky_of_other_primaries_has_the_colours_of_rec_709(tmp_path):
+    # Of ACES' white, and of Rec. 709's red as the colour sciences of others give it in ACES (adapted by Bradford).
+    values = np.array([[(1, 1, 1), (0.4395856, 0.0895395, 0.0173872)]], np.float32)
+    OpenEXR.File(dict(ACES), {"RGB": values}).write(str(tmp_path / "a.exr"))
+    np.testing.assert_allclose(read_linear(tmp_path / "a.exr", PixelBudget())[0], [(1, 1, 1), (1, 0, 0)], atol=2e-3)
+    data = read_texture(tmp_path / "a.exr", PixelBudget(), srgb=False)
+    np.testing.assert_allclose(data[0, 1, :3], values[0, 1] * 255, atol=0.51)  # a normal map has no colours
+
+
+def test_a_multilayer_file_shows_its_picture(tmp_path):
+    plane = np.ones((2, 2), np.float32)
+    passes = {f"View.Combined.{letter}": plane * level for letter, level in zip("RGB", (3, 2, 1), strict=True)}
+    OpenEXR.File({}, passes | {f"View.AO.{letter}": plane for letter in "RGB"}).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(read_linear(tmp_path / "a.exr", PixelBudget())[0, 0], (3, 2, 1))
+
+
+def test_a_file_that_is_too_large_is_not_unpacked(tmp_path):
+    write(tmp_path / "a.exr", np.zeros((40, 30, 3), np.float32))
+    whole = (tmp_path / "a.exr").read_bytes()
+    (tmp_path / "a.exr").write_bytes(whole[:-40])  # its pixels could not be read
+    with pytest.raises(InputError, match="all images together have more than"):
+        read_linear(tmp_path / "a.exr", PixelBudget(40 * 30 - 1))
+    with pytest.raises(InputError, match=r"a\.exr"):
         read_linear(tmp_path / "a.exr", PixelBudget())
 
 
-def test_positions_are_not_taken_for_grey(tmp_path):
+def test_positions_are_not_taken_for_a_picture(tmp_path):
     OpenEXR.File({}, dict.fromkeys("XYZ", np.ones((2, 2), np.float32))).write(str(tmp_path / "a.exr"))
-    with pytest.raises(InputError, match="has channels X, Y, Z, expected R, G, B or Y"):
+    with pytest.raises(InputError, match=r"has no radiance that a known layout names .*: channels X, Y, Z"):
         read_linear(tmp_path / "a.exr", PixelBudget())
