@@ -45,9 +45,12 @@ is wider than so many pixels it is its width, as the change is smooth and cells 
 _CELLS_PER_PIXEL = 1
 """Of the first table, half of which may be in use: it doubles where that is too few, and a large one takes time."""
 _LARGEST_TABLE = 1 << 22
-"""Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 736 MiB, and 1,296 where
-something moves."""
-_REMEMBERED = 256
+"""Cells beyond which those that no path has reached lately are forgotten: 736 MiB, and 1,296 where something moves."""
+_REMEMBERED = 128
+"""Frames after which a cell that no path has reached may be forgotten: whether something came near its stored paths has
+then cost about what it costs to trace and store them anew, …"""
+_ROUNDS_REMEMBERED = 8
+"""… unless each pixel had fewer turns to trace a path meanwhile: those few that reach a small cell take a while."""
 _NEVER = math.inf
 """A threshold that no number of paths reaches, so that all paths are traced."""
 
@@ -428,20 +431,25 @@ class LightCacheHost:
         return bool(used > self._cells.shape[0] // 2 or missed > 0)
 
     def _grow(self) -> bool:
-        """Move the cells to a table twice as large; where that is too large, forget those long unseen, if any.
+        """Move the cells to a table twice as large, or forget those long unseen; return whether there is more room.
 
-        Return whether there is more room than before.
+        Where paths are stored, those of cells out of sight take time in each frame. So cells are forgotten there as
+        soon as half of them are out of sight, and else only where the table would be too large.
         """
         used = int(self._used.numpy()[0])
         rows = self._cells.shape[0]
+        oldest = max(0, self._update - max(_REMEMBERED, _ROUNDS_REMEMBERED * self.effort.every))
         larger: bool = 2 * rows <= _LARGEST_TABLE
+        if larger and self._store is not None:
+            cells = self._cells.numpy()
+            larger = 2 * np.count_nonzero((cells["key"] != 0) & (cells["update"] >= oldest)) > used
         sums, source, told = self._sums, self._cells, self._told
         self._keys, self._sums, self._cells, self._told = self._table(2 * rows if larger else rows)
         moved: Any = wp.zeros(rows, dtype=wp.int32, device=self._device)
-        oldest = 0 if larger else max(0, self._update - _REMEMBERED)
         self._used.zero_()
         to = [self._keys, self._sums, self._cells, self._used]
-        wp.launch(build_updates().move_cells, dim=rows, inputs=[sums, source, oldest, *to, moved], device=self._device)
+        inputs = [sums, source, 0 if larger else oldest, *to, moved]
+        wp.launch(build_updates().move_cells, dim=rows, inputs=inputs, device=self._device)
         if self._store is not None:
             self._store.move(moved, told, self._told)
         return larger or bool(self._used.numpy()[0] < used)

@@ -168,11 +168,21 @@ class PathStore:
         self._tell(0, table, steady=steady)
 
     def move(self, rows: Any, before: tuple[Any, Any], table: tuple[Any, Any]) -> None:
-        """Go along with cells that were moved to other ``rows``."""
+        """Go along with cells that were moved to other ``rows``, and forget the paths of those that were forgotten."""
         kernels = build_storing()
         if self.stored:
             wp.launch(kernels.move_rows, dim=self.stored, inputs=[self._paths, rows], device=self._device)
+            known = (self._paths.numpy()["rows"][: self.stored] >= 0).any(axis=1)
+            if not known.all():
+                self._keep(np.flatnonzero(known))
         wp.launch(kernels.move_followed, dim=len(rows), inputs=[rows, *before, *table], device=self._device)
+
+    def _keep(self, which: npt.NDArray[np.int64]) -> None:
+        """Forget all paths but these."""
+        for each in (self._paths, self._trails):
+            kept: Any = wp.array(each.numpy()[which], dtype=each.dtype, device=self._device)
+            wp.copy(each, kept, count=kept.size)
+        self.stored = len(which)
 
     def _trace(self, first: int, every: int) -> None:
         # Other views of the scene have stores of their own.

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.accel.upload_geometry import Places, into_boxes
+from clsim.render.cache import light_cache_host
 from clsim.render.cache.light_cache import Followed
 from clsim.render.cache.path_store import Movement, PathStore
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import Moved, trail_crosses
-from clsim.scene import Instance, Material, Mesh, SphereLight, Static, load_world, shapes
+from clsim.scene import Camera, Instance, Material, Mesh, SphereLight, Static, load_world, shapes
 from clsim.scene.driven import Driven
 from clsim.scene.modulation import Pwm
 from tests.render import hand_worlds as hw
@@ -257,6 +258,35 @@ def test_threads_change_nothing(threads):
     times_us = [100_000, 150_000, 200_000]
     shown, _ = pictures(world, times_us, threads=threads, probe_every=2)
     np.testing.assert_array_equal(shown, pictures(world, times_us, threads=2, probe_every=2)[0])
+
+
+def test_what_a_camera_has_left_behind_is_forgotten(monkeypatch):
+    """It drives past a long wall with a box: paths are stored of what it sees, and not of all that it ever saw."""
+    walls = hw.quad((-9, 0, 2), (138, 0, 0), (0, 0, -4)), hw.quad((-9, 0, -2), (138, 0, 0), (0, 4, 0))
+    box = hw.box((-0.4, 0.0, -0.4), (0.4, 0.8, 0.4))
+    times_s = np.arange(40) / 120
+    view, ahead = (driven(hw.IDENTITY, [(t, (360 * t, *at)) for t in times_s]) for at in ((1.2, 4.0), (0.0, 0.0)))
+    lamp = SphereLight(9.0, (40.0, 40.0, 40.0), Static(hw.translation(60.0, 90.0, 90.0)))
+    world = hw.world(
+        *walls, box, motions=[hw.IDENTITY, hw.IDENTITY, ahead], sphere_lights=(lamp,), view=Camera(12, 9, 40.0, view)
+    )
+    stored = []
+    follow = PathStore.follow
+    monkeypatch.setattr(PathStore, "follow", lambda self, table: (stored.append(self.stored), follow(self, table)))
+
+    def drive():
+        stored.clear()
+        shown, _ = pictures(world, np.round(times_s * 1e6).astype(int).tolist(), probe_every=2)
+        return shown, stored[-1], max(stored)
+
+    shown, everything, _ = drive()
+    monkeypatch.setattr(light_cache_host, "_REMEMBERED", 6)
+    monkeypatch.setattr(light_cache_host, "_ROUNDS_REMEMBERED", 3)
+    forgetful, _, most = drive()
+    assert most < 0.7 * everything
+    lit = shown.mean(axis=1) > 0
+    assert lit.mean() > 0.5
+    np.testing.assert_allclose(forgetful.mean(axis=1)[lit], shown.mean(axis=1)[lit], rtol=0.1)
 
 
 @wp.kernel(enable_backward=False)
