@@ -20,6 +20,7 @@ from clsim.scene.meshes.beside import MAX_FILE_BYTES, FolderResolver, as_utf8
 from clsim.scene.meshes.geometry import joined
 from clsim.scene.meshes.obj_lines import checked_lines, left_out, plain_lines
 from clsim.scene.meshes.obj_plain import read_plain_obj, unit_normals
+from clsim.scene.motion import Static, compose
 from clsim.scene.parts import Parts
 from clsim.scene.pictures.images import PixelBudget, decode_srgb, unpack_rgba
 from clsim.scene.world import IDENTITY, ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
@@ -35,6 +36,8 @@ _LEFT_OUT = {
     "map_ke": ("glow by an image", 0.0),
 }
 """What materials may ask for, by key, and the number that does not ask for it."""
+_ROUNDING = 1e-5
+"""By how much of a file's size 32 bits may round its vertices: some hundredths of a pixel."""
 
 
 def load_bare(path: Path) -> World:
@@ -76,9 +79,12 @@ def load_parts(path: Path) -> Parts:
     reader = _Materials(path, notes)
     meshes: list[Mesh] = []
     instances: list[Instance] = []
-    for name, geometry in _geometries(path, notes, materials=True).items():
-        instances.append(Instance(len(meshes), IDENTITY, name))
-        meshes.append(_mesh(path, name, geometry, len(reader.materials)))
+    geometries = _geometries(path, notes, materials=True)
+    origin = _origin(geometries)
+    place = Static(compose(origin, np.eye(3))) if origin.any() else IDENTITY
+    for name, geometry in geometries.items():
+        instances.append(Instance(len(meshes), place, name))
+        meshes.append(_mesh(path, name, geometry, len(reader.materials), origin))
         reader.materials.append(reader.read(name, geometry))
     return Parts(meshes, reader.materials, reader.textures, instances, warnings=notes)
 
@@ -183,15 +189,31 @@ def _read(path: Path, data: bytes, suffix: str, resolver: FolderResolver, *, mat
     return scene
 
 
-def _mesh(path: Path, name: str, geometry: Any, material: int) -> Mesh:
+def _origin(geometries: dict[str, Any]) -> F64:
+    """Return the point that vertices are told from: the middle of all, where 32 bits could not tell them from 0 on.
+
+    Surveyed places are in coordinates of millions of metres.
+    """
+    all_vertices = [np.asarray(each.vertices, np.float64) for each in geometries.values() if len(each.vertices)]
+    if not all_vertices:
+        return np.zeros(3)
+    low = np.min([vertices.min(axis=0) for vertices in all_vertices], axis=0)
+    high = np.max([vertices.max(axis=0) for vertices in all_vertices], axis=0)
+    far = np.maximum(abs(low), abs(high)).max()
+    if not np.isfinite(far) or np.finfo(np.float32).eps * far < _ROUNDING * (high - low).max():
+        return np.zeros(3)
+    return np.asarray((low + high) / 2)
+
+
+def _mesh(path: Path, name: str, geometry: Any, material: int, origin: F64 | float = 0.0) -> Mesh:
     try:
-        return mesh_of(name, geometry, material)
+        return mesh_of(name, geometry, material, origin)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def mesh_of(name: str, geometry: Any, material: int = 0) -> Mesh:
-    """Return a mesh of trimesh as one of ours, with the normals that came with its file, if any.
+def mesh_of(name: str, geometry: Any, material: int = 0, origin: F64 | float = 0.0) -> Mesh:
+    """Return a mesh of trimesh as one of ours, from an origin on, with the normals that came with its file, if any.
 
     Raises:
         InputError: a vertex is not finite, or a triangle names none; the message says in which mesh.
@@ -209,7 +231,7 @@ def mesh_of(name: str, geometry: Any, material: int = 0) -> Mesh:
     normals = np.array(geometry.vertex_normals, np.float64) if "vertex_normals" in geometry._cache else None
     uvs = _uvs(geometry)
     return Mesh(
-        vertices=np.ascontiguousarray(vertices, np.float32),
+        vertices=np.ascontiguousarray(vertices - origin, np.float32),
         triangles=np.ascontiguousarray(faces, np.int32),
         material_ids=np.full(len(faces), material, np.int32),
         normals=None if normals is None else unit_normals(normals),

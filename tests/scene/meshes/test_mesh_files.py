@@ -259,3 +259,30 @@ def test_a_ply_of_fewer_lines_than_all_of_its_elements_is_cut(tmp_path):
     face = "element face 3\nproperty list uchar int vertex_indices\nend_header\n"
     (tmp_path / "a.ply").write_text(head + face + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2")
     assert "declares 6 elements, more than it has room for: it is truncated" in complaint(tmp_path / "a.ply")
+
+
+UTM = np.array([448262.0, 5411932.0, 310.0])
+"""Metres east and north in zone 32, and above the sea."""
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply"])
+def test_a_surveyed_mesh_keeps_its_millimetres(tmp_path, suffix):
+    corners = np.add(UTM, [(0.001, 0.002, 0.004), (3.123, 0.001, 0.003), (1.007, 2.501, 0.123)])
+    rows = [" ".join(f"{x:.3f}" for x in corner) for corner in corners]
+    text = "\n".join(["# a", *(f"v {row}" for row in rows), "f 1 2 3\n"])
+    if suffix == ".ply":
+        head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty double x\nproperty double y\nproperty double z\n"
+        text = "\n".join(
+            [head + "element face 1\nproperty list uchar int vertex_indices\nend_header", *rows, "3 0 1 2\n"]
+        )
+    (tmp_path / f"a{suffix}").write_text(text)
+    (tmp_path / "a.toml").write_text(
+        "[camera]\nposition = [0, 0, 9]\n[environment]\nradiance = [1, 1, 1]\n"
+        f"[[objects]]\nfile = 'a{suffix}'\nposition = [0, 0, 1000]\n"
+    )
+    for name, moved in ((f"a{suffix}", 0), ("a.toml", 1000)):
+        world = load_world(tmp_path / name)
+        pose = world.instances[0].motion.pose(0.0)
+        places = world.meshes[0].vertices.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+        np.testing.assert_allclose(places, corners + np.array((0, 0, moved)), rtol=0, atol=1e-5)
+    assert np.linalg.norm(load_world(tmp_path / f"a{suffix}").camera.motion.pose(0.0)[:3, 3] - corners[0]) < 20
