@@ -1,12 +1,16 @@
+import os
 import signal
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from clsim.errors import InputError
 from clsim.events import Causes, EventBatch, SinkError
+from clsim.events.sidecar import sidecar_path
 from clsim.frames import Frame
+from clsim.live.outputs.delivery import Output
 from clsim.live.pacing.schedule import Continuity, Schedule, plan
 from clsim.live.pipeline import Pipeline
 from tests.live.small_pipeline import NAMES, CountingSource, ListSink, OneEventDetector, run
@@ -300,6 +304,27 @@ def test_ctrl_c_while_a_sink_closes_still_closes_all() -> None:
     assert pipeline.stop()
     assert (first.closed, patient.closed, last.closed) == (1, 2, 1)
     assert patient.flushed_briefly
+
+
+@pytest.mark.parametrize(
+    ("name", "completed"), [("events.npz", True), ("pipe", False), ("tcp://127.0.0.1:7777", False)]
+)
+def test_a_file_is_completed_however_long_that_takes_and_a_reader_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, completed: bool
+) -> None:
+    class Slow(ListSink):
+        def close(self) -> None:
+            time.sleep(0.3)
+            super().close()
+
+    monkeypatch.setattr("clsim.live.pipeline._CLOSING_S", 0.05)
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    output = Output(name, Slow(), sidecar=sidecar_path(name))
+    pipeline = Pipeline(CountingSource, OneEventDetector, [output], plan(1.0, 60.0, frames=9), (NAMES, 3, 4))
+    pipeline.start()
+    assert pipeline.stop(0.1) == completed
+    assert (output.error is None) == (output.sink.closed == 1) == completed
 
 
 def test_what_breaks_because_the_run_is_stopped_is_no_error() -> None:

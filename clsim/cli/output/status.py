@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 _REFRESH_S = 0.1
 _LONG_START_S = 2.0
 """From then on a start is one that compiles kernels: those that are kept load in less."""
+_SILENT_S = 1.0
+"""From then on the end of a run that was interrupted says what it waits for."""
 INTERRUPTED = 130
 OUTPUT_FAILED = 1
 READER_LEFT = 141
@@ -53,7 +56,10 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
             wait_to_the_end(session, console)
     except KeyboardInterrupt:
         interrupted = True
+        told = threading.Timer(_SILENT_S, _print_unfinished, (console, session))
+        told.start()
         all_ended = session.pipeline.stop()
+        told.cancel()
     except SinkError as error:
         failure = error
     session.write_sidecars(complete=not interrupted and failure is None)
@@ -75,6 +81,12 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
         sys.stderr.flush()
         os._exit(status)
     return status
+
+
+def _print_unfinished(console: Console, session: Session) -> None:
+    names = [output.name for output in session.pipeline.outputs if output.on_disk and not output.closed]
+    if names:
+        _say(console, f"completing {', '.join(names)} …")
 
 
 def _paint_to_the_end(session: Session, screen: TerminalScreen) -> None:

@@ -19,6 +19,9 @@ from clsim.frames import Frame
 from clsim.live.outputs.sidecars import PoseFile
 from clsim.truth.labels import Labeller
 
+COMPLETING_S = 300.0
+"""Until a file is given up whose disk does not answer."""
+
 
 @runtime_checkable
 class Recorder(Sink, Protocol):
@@ -53,6 +56,12 @@ class Output:
     lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
     """Held while the sink is at work."""
     _waiting: Callable[[], None] | None = field(default=None, repr=False)
+
+    @property
+    def on_disk(self) -> bool:
+        """Whether it is a file or a folder, and not a pipe, a device or an address, whose readers may stall."""
+        path = Path(self.name)
+        return self.sidecar is not None and not (path.is_fifo() or path.is_char_device())
 
     @property
     def waits(self) -> bool:
@@ -163,7 +172,8 @@ class Delivery:
     def close_at_once(self, timeout_s: float) -> bool:
         """Close all at the same time, as well as that goes until the timeout [s]; False if a sink is still at work.
 
-        Such a sink is given up: what its reader or medium did not take is lost.
+        Such a sink is given up: what its reader did not take is lost. A file is completed, for which there is
+        `COMPLETING_S`: of some kinds nothing can be read before.
         """
         deadline = time.monotonic() + timeout_s
         closers = [
@@ -173,7 +183,8 @@ class Delivery:
         for closer in closers:
             closer.start()
         for output, closer in zip(self.outputs, closers, strict=True):
-            closer.join(max(0.0, deadline - time.monotonic()))
+            patience_s = COMPLETING_S if output.on_disk else 0.0
+            closer.join(max(0.0, deadline + patience_s - time.monotonic()))
             if closer.is_alive():
                 output.fail(SinkError(f"{output.name}: was not finished, for it takes no more events"))
         return not any(closer.is_alive() for closer in closers)
