@@ -105,10 +105,11 @@ class Knots:
         """Return at which share of each piece its line is at a level, or next to it, and its rise in a piece there."""
         first, last = self.levels[pieces - 1], self.levels[pieces]
         with np.errstate(divide="ignore", invalid="ignore"):
+            # Where a piece is level, and at that level from its start on, 0 / 0 is its start.
             if not self.linear_light:
-                return np.clip((levels - first) / (last - first), 0.0, 1.0), last - first
+                return np.nan_to_num(np.clip((levels - first) / (last - first), 0.0, 1.0)), last - first
             rise = np.expm1(last - first)
-            share = np.clip(np.expm1(levels - first) / rise, 0.0, 1.0)
+            share = np.nan_to_num(np.clip(np.expm1(levels - first) / rise, 0.0, 1.0))
             return share, rise / (1.0 + share * rise)
 
     def _on_line(self, first: F64, last: F64, share: F64) -> F64:

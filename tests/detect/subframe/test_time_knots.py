@@ -185,3 +185,15 @@ def test_light_that_goes_along_with_surfaces_goes_the_same_way_in_a_mirror(turn)
     given = [mirror(each, turn) for each in (frames, asked, shares)]
     np.testing.assert_allclose(levels_of(given[0], mirrored, *given[1:]), expected, rtol=1e-5)
     assert np.ptp(expected) > 0.5
+
+
+@pytest.mark.parametrize("linear_light", [False, True])
+def test_a_piece_that_lies_at_a_threshold_is_asked_about_within_it(linear_light):
+    """It crosses where it begins, if the light of the step before was left just below."""
+    knots = Knots(
+        np.array([0, 0]), np.array([4096, 8192]), np.array([0.5, 0.5]), np.array([np.inf, np.inf]), linear_light
+    )
+    with np.errstate(all="raise"):
+        pieces, times = vague(knots, np.array([0.25]), 0.25, 0.25, 100.0, 1)
+    assert pieces.tolist() == [1]
+    assert 4096 < times[0] < 4096 + 2048
