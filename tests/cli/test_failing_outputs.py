@@ -33,7 +33,9 @@ def flickering(tmp_path: Path) -> Path:
 
 def without_start(said: str) -> str:
     """Leave out that kernels are compiled, which is said where that takes long."""
-    return said.replace("clsim: cornell: starting (new kernels are compiled once) …\n", "", 1)
+    return said.replace(
+        "clsim: cornell: starting (new kernels are compiled once, and the first frame takes the most paths) …\n", "", 1
+    )
 
 
 def read_a_line(*arguments: object) -> tuple[int, str]:

@@ -111,7 +111,10 @@ def status_line(session: Session) -> Text:
     """Return how far a run has come, in one line."""
     progress, schedule = session.pipeline.progress, session.schedule
     if progress.first_frame_s is None:
-        return Text(f"{session.name}: starting (new kernels are compiled once) …", style="dim")
+        return Text(
+            f"{session.name}: starting (new kernels are compiled once, and the first frame takes the most paths) …",
+            style="dim",
+        )
     summary = session.summary().as_dict()
     total = "" if schedule.total is None else f" of {schedule.time_us(schedule.total - 1) * 1e-6:.2f}"
     share = real_time_share(summary)
