@@ -61,10 +61,10 @@ def test_parts_of_a_scene_move_together() -> None:
         ball, geom_name="ball", node_name="flat", transform=compose((1.0, 0, 0), np.diag([1.0, 0.5, 1.0]))
     )
     made = builder()
-    made.add("pair", parts, Orbit((0.0, 0.0, 0.0), 2.0, 1.0))
+    made.add("pair", parts, Orbit((0.0, 0.0, 0.0), 2.0, 1.5))
     world = made.world(environment=(1.0, 1.0, 1.0))
     assert tuple(placed(world)) == ("camera", "pair", "pair/left", "pair/flat")
-    assert world.duration_s == 1.0
+    assert world.duration_s == 1.5
     assert [instance.motion.pose(0.0)[:3, 3].tolist() for instance in world.instances] == [[-1, 0, 2], [1, 0, 2]]
     assert np.ptp(world.meshes[world.instances[1].mesh].vertices[:, 1]) == pytest.approx(1.0, abs=0.1)
 

@@ -375,6 +375,13 @@ def test_principled_roughness_is_the_root_of_alpha(tmp_path, told, roughness):
     assert found.alpha == pytest.approx(roughness**2)
 
 
+@pytest.mark.parametrize(("told", "alpha"), [(0.0, 0.1), (0.25, 0.07525), (1.0, 0.001)])
+def test_a_coat_of_more_gloss_is_smoother(tmp_path, told, alpha):
+    coat = f'<float name="clearcoat" value="0.5"/><float name="clearcoat_gloss" value="{told}"/>'
+    found, _ = material(tmp_path, f'<bsdf type="principled">{coat}</bsdf>')
+    assert (found.clearcoat, found.clearcoat_alpha) == (0.5, pytest.approx(alpha))
+
+
 @pytest.mark.parametrize("scale", [None, 2.5])
 def test_a_bump_map_is_as_high_as_its_scale(tmp_path, scale):
     PIL.Image.fromarray(np.zeros((2, 2), np.uint8)).save(tmp_path / "a.png")

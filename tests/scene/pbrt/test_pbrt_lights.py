@@ -98,6 +98,7 @@ def placed(tmp_path, shape):
     ("shape", "area"),
     [
         ('"cylinder" "float radius" 2 "float zmin" -1 "float zmax" 4', 2 * math.pi * 2 * 5),
+        ('"cylinder" "float radius" 2 "float zmin" 4 "float zmax" -1', 2 * math.pi * 2 * 5),
         ('"cylinder" "float phimax" 90', math.pi / 2 * 2),
         ('"sphere" "float radius" 2 "float zmin" 0', 2 * math.pi * 2 * 2),
         ('"sphere" "float zmin" -0.5 "float zmax" 0.5 "float phimax" 180', math.pi),

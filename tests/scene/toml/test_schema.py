@@ -379,3 +379,8 @@ def test_keys_of_a_material_that_change_nothing_are_told(tmp_path, table, senten
 )
 def test_keys_that_change_nothing_are_told(tmp_path, text, sentence):
     assert f"scene.toml: {sentence}" in warned(tmp_path, text)
+
+
+def test_the_turn_of_a_camera_on_an_orbit_that_looks_nowhere_counts(tmp_path):
+    orbit = "[camera]\nrotation_deg = [0, 9, 0]\norbit = {center = [0, 0, 0], radius_m = 1, period_s = 1}\n"
+    assert not any("changes nothing" in sentence for sentence in warned(tmp_path, orbit))

@@ -113,6 +113,14 @@ def test_lights(tmp_path):
     assert world.duration_s == 3
 
 
+def test_a_picture_of_the_widest_spot_has_an_end(tmp_path):
+    """At a right angle it would have none; 89° are next to it."""
+    PIL.Image.new("RGB", (2, 2)).save(tmp_path / "slide.png")
+    spot = "[[lights]]\nkind = 'spot'\nintensity = [1, 1, 1]\nouter_deg = 90\npicture = {file = 'slide.png'}\n"
+    (light,) = load(tmp_path, spot + BOX.replace('material = "m"\n', "")).punctual_lights
+    assert light.picture_size == pytest.approx((57.29, 57.29), rel=1e-3)
+
+
 def test_environment_maps_turn_about_the_vertical(tmp_path):
     PIL.Image.fromarray(np.full((4, 8, 3), 255, np.uint8)).save(tmp_path / "sky.png")
     text = '[environment]\nmap = "sky.png"\nmap_scale = 2.5\nmap_rotation_deg = 90\n[[objects]]\nshape = "box"\n'

@@ -281,6 +281,14 @@ def test_points_beside_one_that_is_nowhere_keep_their_own_widths_and_colours(tmp
     assert not world.warnings
 
 
+def test_points_of_which_some_are_shown_have_their_own_widths(tmp_path, monkeypatch):
+    monkeypatch.setattr("clsim.scene.usd.points.MOST_POINTS", 2)
+    points = """def Points "dust" { point3f[] points = [(0, 0, 0), (1, 0, 0), (5, 0, 0), (9, 0, 0)]
+        float[] widths = [0.5, 7, 1.5, 7] }"""
+    first, second = np.split(world_of(tmp_path, points).meshes[0].vertices[:, 0], 2)
+    assert (first.min(), first.max(), second.min(), second.max()) == pytest.approx((-0.25, 0.25, 4.25, 5.75))
+
+
 def test_a_shifted_aperture_shifts_the_optical_axis_by_its_share_of_the_width(tmp_path):
     shifted = """def Camera "shifted" { float horizontalAperture = 20\n float verticalAperture = 10
         float horizontalApertureOffset = 2\n float verticalApertureOffset = 3 }"""
