@@ -84,7 +84,9 @@ def feed(layout: Layout, seed: int = 0, close: bool = True) -> Given:
     rng = np.random.default_rng(seed)
     count = 500
     events = np.zeros(count, EVENT_DTYPE)
-    events["t"] = np.sort(rng.integers(0, (SHOTS - 1) * STEP_US, count))
+    events["t"] = rng.integers(0, (SHOTS - 1) * STEP_US, count)
+    events["t"][:2] = STEP_US, 2 * STEP_US  # of a frame's own time
+    events["t"].sort()
     events["x"], events["y"] = rng.integers(0, WIDTH, count), rng.integers(0, HEIGHT, count)
     events["on"] = rng.random(count) < 0.4
     labels = np.zeros(count, LABEL_DTYPE)

@@ -97,6 +97,7 @@ def test_calibration_is_yaml_that_leads_from_disparity_to_points(tmp_path: Path)
     point /= point[3]
     assert point[2] == pytest.approx(depth_m)
     assert point[0] == pytest.approx((x - (px["cx"] - 0.5)) * depth_m / px["fx"])
+    assert point[1] == pytest.approx((y - (px["cy"] - 0.5)) * depth_m / px["fy"])
 
 
 def test_rectification_is_the_identity(tmp_path: Path) -> None:
@@ -165,6 +166,8 @@ def test_basalts_calibration_comes_back(tmp_path: Path, lens: Lens) -> None:
     assert camera["intrinsics_px"] == pytest.approx(given_camera["intrinsics_px"])
     told = json.loads((tmp_path / "run.tumvie/camera-calibration.json").read_text())["value0"]
     assert told["intrinsics"][0]["intrinsics"]["cx"] == given_camera["intrinsics_px"]["cx"] - 0.5
+    here = dict.fromkeys(("px", "py", "pz", "qx", "qy", "qz"), 0.0) | {"qw": 1.0}
+    assert told["T_imu_cam"] == [here], "samples are in the camera's own axes"
 
 
 @pytest.mark.parametrize("name", ["k4", "k5", "k6"])

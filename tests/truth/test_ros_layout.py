@@ -36,14 +36,14 @@ def test_rosbags_reads_everything_under_the_names_of_esim(tmp_path: Path, ending
         assert np.array_equal(np.reshape(image.data, (recordings.HEIGHT, -1)), shot.planes["image"])
     for (_, image), shot in zip(topics["/cam0/depthmap"], given.shots, strict=True):
         depth = np.asarray(image.data, np.uint8).view("<f4").reshape(recordings.HEIGHT, recordings.WIDTH)
-        assert image.encoding == "32FC1"
+        assert (image.encoding, image.step) == ("32FC1", 4 * recordings.WIDTH)
         assert np.array_equal(depth, shot.planes["depth"])
     for (_, flow), shot in zip(topics["/cam0/optic_flow"], given.shots, strict=True):
         valid = (shot.planes["flow"][..., 2] > 0).ravel()
-        x = np.asarray(flow.flow_x)
-        assert np.array_equal(np.isfinite(x), valid)
-        expected = shot.planes["flow"][..., 0].ravel()[valid] * 1e6 / recordings.STEP_US
-        np.testing.assert_allclose(x[valid], expected, rtol=1e-5)
+        for axis, found in enumerate(map(np.asarray, (flow.flow_x, flow.flow_y))):
+            assert np.array_equal(np.isfinite(found), valid)
+            expected = shot.planes["flow"][..., axis].ravel()[valid] * 1e6 / recordings.STEP_US
+            np.testing.assert_allclose(found[valid], expected, rtol=1e-5)
     camera = given.tracks["camera"]
     poses = topics["/cam0/pose"]
     assert [time_ns for time_ns, _ in poses] == (camera.times_us * 1000).tolist()
