@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from clsim.bench.throughput import render
 from clsim.bench.throughput.render import measure_world, render_throughput
 from clsim.bench.throughput.render_worlds import bumpy_room, cornell
 
@@ -58,6 +59,19 @@ def test_figures_are_there_and_both_trees_agree():
     by_clock, by_cpu = (figures[f"paths_per_{each}"]["another"] for each in ("second", "cpu_second"))
     assert 24 * 24 * 2 / 1.0 < by_clock <= 24 * 24 * 2 / 0.2 < by_cpu
     assert 40 < figures["bytes_per_triangle"] < 70
+
+
+@pytest.mark.slow
+def test_rates_are_of_all_rays_that_are_traced(monkeypatch):
+    """Were each launch a second long, there would be as many rays a second as it has."""
+
+    def turns(works, rounds):
+        seconds = {name: float(len(calls)) for name, calls in works.items()}
+        return seconds, seconds
+
+    monkeypatch.setattr(render, "take_turns", turns)
+    for rates in render._ray_rates(bumpy_room(4_000, 24), 1).values():
+        assert rates == {"primary": 24 * 24, "bounce": render._RAYS, "shadow": render._RAYS}
 
 
 @pytest.mark.slow

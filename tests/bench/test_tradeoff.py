@@ -15,6 +15,7 @@ from clsim.bench.tradeoff import sweep as tradeoff
 from clsim.bench.tradeoff.mismatch import fire
 from clsim.bench.tradeoff.reference_cache import load_or_render
 from clsim.bench.tradeoff.settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
+from clsim.bench.tradeoff.stopwatch import peak_memory_bytes
 from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
 from clsim.cli.output.tradeoff_tables import markdown_text
 from clsim.errors import InputError
@@ -64,6 +65,7 @@ def test_all_figures_are_there(results: dict[str, Any]) -> None:
         assert set(point) == set(wanted.as_dict()) | scores | COSTS
         assert point["paths"] == 16 * 12 * 4 * wanted.rendering.spp
         assert point["first_hit_rays_traced"] == 0
+        assert (point["peak_bytes"] or 0) > 1 << 20 or peak_memory_bytes() is None  # where the system tells
         assert point["events"] > 0 and point["detect_cpu_s"] > 0 and point["render_cpu_s"] > 0
         assert point["cpu_s"] == point["render_cpu_s"] + point["detect_cpu_s"]
         assert point["reference_events"] == results["reference"]["events"][point["event_rule"]]

@@ -75,6 +75,19 @@ def test_where_none_works_a_sentence_says_why_and_what_to_do(broken: Any) -> Non
         choose_device("quick")
 
 
+@pytest.mark.parametrize(
+    ("kind", "native", "lanes"), [("GPU", 1, 1), ("GPU", 4, 1), ("CPU", 4, 4), ("CPU", 16, 16), ("CPU", 1, 8)]
+)
+def test_kernels_are_as_wide_as_a_cpus_registers_and_one_pixel_on_a_gpu(
+    monkeypatch: pytest.MonkeyPatch, kind: str, native: int, lanes: int
+) -> None:
+    device: Any = Broken("Turbo", getattr(cl.device_type, kind))
+    device.native_vector_width_float = native
+    monkeypatch.setattr(cl, "Context", lambda found: found)
+    opened = devices._open(device)
+    assert (opened.lanes, opened.is_cpu) == (lanes, kind == "CPU")
+
+
 @pytest.mark.parametrize("platforms", [lambda: [], lambda: (_ for _ in ()).throw(cl.LogicError("no platform"))])
 def test_where_there_is_none_a_sentence_says_what_to_do(monkeypatch: pytest.MonkeyPatch, platforms: Any) -> None:
     monkeypatch.setattr(cl, "get_platforms", platforms)
