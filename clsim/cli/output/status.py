@@ -163,9 +163,8 @@ def _say(console: Console, sentence: str, style: str | None = None) -> None:
 
 
 def _served_at(output: Output) -> str:
-    """Return a server's address with the port that it has: port 0 asks for any."""
+    """Return a server's address as its readers take it: with the port that it has, and without the server's options."""
     from clsim.events.sockets.tcp import TcpSink
 
-    address, mark, options = output.name.partition("?")
-    port = output.sink.port if isinstance(output.sink, TcpSink) else address.rpartition(":")[2]
-    return f"{address.rpartition(':')[0]}:{port}{mark}{options}"
+    host, _, asked = output.name.partition("?")[0].rpartition(":")
+    return f"{host}:{output.sink.port if isinstance(output.sink, TcpSink) else asked}"

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from clsim.cli.output.tradeoff_tables import FRONT_HEAD, front_row, front_table, table
+from clsim.cli.output.tradeoff_tables import FRONT_HEAD, _knob_row, front_row, front_table, table
 
 SCORES: dict[str, Any] = {
     "f1": 0.11, "strict_f1": 0.22, "f1_within_1ms": 0.33, "equivalent_mismatch": 0.044, "precision": 0.55,
@@ -49,3 +49,9 @@ def test_what_is_not_known_moves_no_other_number(lacking: str) -> None:
 def test_markdown_has_a_rule_for_each_column() -> None:
     lines = table(FRONT_HEAD, [front_row(ROW)]).splitlines()
     assert {line.count("|") for line in lines} == {len(FRONT_HEAD) + 1}
+
+
+def test_a_turned_knob_is_told_with_what_it_costs_and_brings() -> None:
+    turned = ROW | {"cpu_s": 6.0, "detect_cpu_s": 0.25, "f1": 0.31, "strict_f1": 0.12, "stride": 2}
+    told = ("stride", "1", "2", "× 4.00", "× 0.50", "+0.200", "-0.100")
+    assert _knob_row("stride", ROW | {"stride": 1}, turned) == told
