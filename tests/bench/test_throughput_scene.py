@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clsim.bench.throughput.scene import WIDTH, scene_throughput
+from clsim.bench.throughput.scene import WIDTH, narrow, scene_throughput
 from clsim.scene import load_world
+
+
+def test_a_picture_keeps_its_shape():
+    camera = narrow(load_world("two-boxes", resolution=(640, 480))).camera
+    assert (camera.width, camera.height) == (WIDTH, 3 * WIDTH // 4)
 
 
 @pytest.mark.slow

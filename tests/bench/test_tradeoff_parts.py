@@ -16,7 +16,7 @@ from clsim.bench.tradeoff import measure, mismatch, reference_cache
 from clsim.bench.tradeoff.content_key import content_key, world_key
 from clsim.bench.tradeoff.pareto import pareto_front
 from clsim.bench.tradeoff.point_store import PointStore
-from clsim.bench.tradeoff.reference_cache import reference_key
+from clsim.bench.tradeoff.reference_cache import log_brightness, reference_key
 from clsim.bench.tradeoff.settings import (
     BASE,
     QUICK_POINTS,
@@ -26,11 +26,12 @@ from clsim.bench.tradeoff.settings import (
     named_points,
     quick_points,
 )
-from clsim.bench.tradeoff.stopwatch import Stopwatch
+from clsim.bench.tradeoff.stopwatch import Stopwatch, peak_memory_bytes, reset_peak_memory
 from clsim.bench.tradeoff.summary import summarise, turned_knobs
 from clsim.bench.tradeoff.sweep import figures
 from clsim.detect.config import DetectorConfig
 from clsim.events import EVENT_DTYPE, empty_batch
+from clsim.frames import RADIANCE, Frame
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
 from clsim.scene import Sensor, load_world
@@ -87,20 +88,24 @@ def test_a_reference_has_another_key_when_anything_that_went_in_changes(monkeypa
     assert reference_key(again, options) == reference_key(world, options)
 
 
-@pytest.mark.parametrize("name", ["view.py", "cache/light_cache.py", "native/search/tree_any.h"])
+@pytest.mark.parametrize(
+    "name", ["render/view.py", "render/native/search/tree_any.h", "kernels/detect/wlr.cl", "detect/gate.py"]
+)
 def test_the_key_of_code_is_of_all_sources_however_deep(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from clsim.bench.tradeoff.content_key import code_key
+    from clsim.bench.tradeoff.content_key import FRAME_ROOMS, code_key
 
     monkeypatch.setattr("clsim.bench.tradeoff.content_key.files", lambda package: tmp_path / package)
-    source = tmp_path / "clsim.render" / name
-    source.parent.mkdir(parents=True)
+    for room in FRAME_ROOMS:
+        (tmp_path / f"clsim.{room}").mkdir()
+    source = tmp_path / f"clsim.{name}"
+    source.parent.mkdir(parents=True, exist_ok=True)
     keys = set()
     for text in ("1", "2", "1"):
         source.write_text(text)
         _forget_code()
-        keys.add(code_key(("render",)))
+        keys.add(code_key(FRAME_ROOMS))
     _forget_code()
     assert len(keys) == 2
 
@@ -299,3 +304,18 @@ def test_a_kept_reference_that_is_not_whole_is_none(tmp_path: Path) -> None:
         path.write_bytes(data[:place] + bytes([data[place] ^ 0xFF]) + data[place + 1 :])
         found = reference_cache._load(path)
         assert found is None or np.array_equal(found.levels.values, levels.values)
+
+
+def test_brightness_of_a_reference_is_that_of_its_sensor() -> None:
+    frame = Frame(np.array([[[0.5, 0.0]]] * 3, np.float32), RADIANCE)
+    found = log_brightness(frame, Sensor(scale=4.0, floor=1e-3))
+    np.testing.assert_allclose(found, np.log([[2.0, 1e-3]]), rtol=1e-6)
+
+
+def test_the_peak_of_memory_is_in_bytes() -> None:
+    reset_peak_memory()
+    before = peak_memory_bytes()
+    if before is None:
+        pytest.skip("the system does not tell")
+    taken = np.ones(128 << 20, np.uint8)
+    assert peak_memory_bytes() - before == pytest.approx(taken.nbytes, rel=0.015)  # a kB there is 1024 bytes
