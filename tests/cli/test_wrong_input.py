@@ -54,6 +54,7 @@ def files(tmp_path: Path) -> Path:
         ),
         (["live", "still", "--duration", "2", "min"], "(min); write a time and its unit as one word, such as 200min"),
         (["live", "still", "--duration", "1e-9s", "--out", "{}/x.txt"], "--duration must be at least half a frame"),
+        (["view", "missing.raw", "--view"], "missing.raw: cannot be read"),
         (["detect", "missing", "--out", "{}/x.txt"], "missing: no such file or folder"),
         (["live", "still", "--fps", "x"], "clsim: --fps must be a number, got 'x'\n"),
         (["live", "still", "--spp", "1.5"], "clsim: --spp must be a whole number, got '1.5'\n"),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import clsim
+from clsim.cli.output import rig as rig_output
 from clsim.cli.output.rig import run_rig
 from clsim.cli.output.status import INTERRUPTED, OUTPUT_FAILED
 from clsim.errors import InputError
@@ -177,9 +178,12 @@ def test_a_rigs_summaries_say_whether_it_was_interrupted(
     def run(sessions: object) -> None:
         raise ends
 
+    lost: list[object] = []
+    monkeypatch.setattr(rig_output, "print_losses", lambda console, summary: lost.append(summary))
     monkeypatch.setattr(live_rig, "run_all", run)
     sessions = open_rig(LiveOptions(rig(tmp_path, "resolution = [40, 30]"), quality="draft"))
     assert run_rig(sessions, as_json=True) == status
     summaries = json.loads(capsys.readouterr().out)
     assert [each["interrupted"] for each in summaries] == [status == INTERRUPTED] * 2
+    assert len(lost) == 2, "what was lost is told beside figures too"
     assert [(each["width"], each["height"]) for each in summaries] == [(32, 24), (40, 30)]

@@ -19,7 +19,8 @@ def test_the_figures_of_all_edges_are_told(monkeypatch):
     assert all(row["matched"] > 0.8 * row["true_events"] > 50 for row in rows)
     table = CliRunner().invoke(app, given).stdout
     for row in rows:
-        assert f"{row['error_px']:.4f}" in table and f"{row['true_events']:,}" in table
+        told = f"{row['error_px']:.4f}", f"{row['true_events']:,}", f"{100 * row['f1']:.1f} %"
+        assert all(each in table for each in told)
 
 
 def test_a_rate_without_end_is_told(clsim):

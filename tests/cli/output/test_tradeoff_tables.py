@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 from typing import Any
 
 import pytest
 
-from clsim.cli.output.tradeoff_tables import FRONT_HEAD, _knob_row, front_row, front_table, table
+from clsim.cli.output.tradeoff_tables import FRONT_HEAD, _knob_row, csv_text, front_row, front_table, table
 
 SCORES: dict[str, Any] = {
     "f1": 0.11, "strict_f1": 0.22, "f1_within_1ms": 0.33, "equivalent_mismatch": 0.044, "precision": 0.55,
@@ -44,6 +45,13 @@ def test_what_is_not_known_moves_no_other_number(lacking: str) -> None:
     )
     changed = [before for before, after in zip(front_row(ROW), front_row(row), strict=True) if after != before]
     assert len(changed) == 1 and "–" in front_row(row)
+
+
+def test_a_point_in_a_table_of_all_stands_beside_the_ceiling_of_its_own_rule() -> None:
+    ceiling = {"frame": {"f1": 0.9, "strict_f1": 0.8}, "interpolated": {"f1": 0.7, "strict_f1": 0.6}}
+    points = [{"event_rule": rule, "f1": 0.5} for rule in ceiling]
+    rows = csv.DictReader(csv_text({"scene": "a", "ceiling": ceiling, "points": points}).splitlines())
+    assert [(row["ceiling_f1"], row["ceiling_strict_f1"]) for row in rows] == [("0.9", "0.8"), ("0.7", "0.6")]
 
 
 def test_markdown_has_a_rule_for_each_column() -> None:

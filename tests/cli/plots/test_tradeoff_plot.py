@@ -36,6 +36,8 @@ def test_equivalent_mismatch_stands_beside_what_cameras_have(tmp_path, monkeypat
     drawn = []
     monkeypatch.setattr(figure, "savefig", lambda self, *_, **__: drawn.append(self))
     plot_tradeoff(results, tmp_path / "plot.png")
+    low, high = drawn[0].axes[0].get_ylim()
+    assert all(low < row[score] < high for row in results["settings"] for score in ("f1", "strict_f1"))
     panel = drawn[0].axes[2]
     heights = [set(line.get_ydata()) for line in panel.lines]
     assert {0.021} in heights and {0.03} in heights
