@@ -18,6 +18,7 @@ from clsim.cli.app import app
 from clsim.errors import InputError
 from clsim.events.copy import convert_events
 from clsim.events.files import open_source
+from clsim.events.outputs import FileOptions, open_output
 from clsim.events.ros import messages
 from clsim.events.ros.bags import EVENT_TOPIC, Bag, typestore
 from tests.events import test_disk_full as disks
@@ -190,6 +191,15 @@ def test_long_pauses_fit_the_ns_of_a_packet(tmp_path):
     for _, time_ns, packet in messages_of(path):  # each is played back when its own last event was
         last = int(np.asarray(packet.events, np.uint8).view("<u8")[-1] & np.uint64(0xFFFFFFFF))
         assert time_ns == packet.time_base + last
+
+
+@pytest.mark.parametrize(("encoding", "most"), [("mono", 2**15), ("evt3", 2**11), ("array", 2**16)])
+def test_a_sensor_larger_than_a_message_can_tell_is_refused(tmp_path, encoding, most):
+    """Rows of mono have 15 bits, those of EVT3 11, and each number of an array 16."""
+    files = FileOptions(ros_events=encoding)
+    open_output(str(tmp_path / "a.mcap"), 4, most, files).close()
+    with pytest.raises(InputError, match=f"bag of {encoding} messages"):
+        open_output(str(tmp_path / "b.mcap"), 4, most + 1, files)
 
 
 def test_one_topic_of_several_is_that_of_esim(tmp_path):

@@ -240,8 +240,8 @@ def test_the_first_default_of_a_parameter_counts(tmp_path):
     assert load(tmp_path, body + shape).materials[0].color == (0.25, 0.25, 0.25)
 
 
-PARAMETERS = """<scene version="3.0.0"><default name="size" value="2"/>
-    <shape type="rectangle"><transform name="to_world"><scale value="$size"/></transform></shape>
+PARAMETERS = """<scene version="3.0.0"><default name="size" value="2"/><default name="up" value="0"/>
+    <shape type="rectangle"><transform name="to_world"><scale value="$size"/><translate y="$up"/></transform></shape>
     <sensor type="perspective"><float name="fov" value="$fov"/>
         <transform name="to_world"><lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>
     <integrator type="path"><integer name="max_depth" value="$depth"/></integrator></scene>"""
@@ -250,13 +250,14 @@ PARAMETERS = """<scene version="3.0.0"><default name="size" value="2"/>
 def test_parameters_are_given_after_the_files_name(tmp_path):
     path = tmp_path / "parameters.xml"
     path.write_text(PARAMETERS)
-    world = load_world(f"{path}#fov=70&size=5")
+    world = load_world(f"{path}#fov=70&size=5&up=3")
     assert world.camera.fov_deg == pytest.approx(70.0)
-    assert world.instances[0].motion.pose(0.0)[0, 0] == 5.0, "what is given goes before what the file has"
+    pose = world.instances[0].motion.pose(0.0)
+    assert (pose[0, 0], pose[1, 3]) == (5.0, 3.0), "what is given goes before what the file has"
     assert load_world(f"{path}#fov=70").instances[0].motion.pose(0.0)[0, 0] == 2.0
     for given, expected in (
         ("", "give it after the file's name, as parameters.xml#fov=VALUE"),
-        ("#fov=70&sise=5", "has no parameter 'sise', expected one of fov, size"),
+        ("#fov=70&sise=5", "has no parameter 'sise', expected one of fov, size, up"),
         ("#fov", "got 'fov' after #, expected parameters such as spp=64&width=320"),
     ):
         with pytest.raises(InputError) as error:

@@ -341,19 +341,20 @@ def test_each_direction_of_a_texture_has_its_own_wrap_mode(tmp_path, across, alo
     assert (texture.wrap_u, texture.wrap_v) == (across, along)
 
 
-def test_old_offsets_and_scales_are_each_directions_own(tmp_path):
+@pytest.mark.parametrize("scales", [{"uscale": 2, "vscale": 3}, {"uvscale": 4}])
+def test_old_offsets_and_scales_are_each_directions_own(tmp_path, scales):
     """Of version 0.6: u' = uscale·u + uoffset, v' = vscale·v + voffset, v from the top."""
     PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
-    told = "".join(
-        f'<float name="{name}" value="{value}"/>'
-        for name, value in (("uscale", 2), ("vscale", 3), ("uoffset", 0.25), ("voffset", 0.5))
-    )
+    given = scales | {"uoffset": 0.25, "voffset": 0.5}
+    told = "".join(f'<float name="{name}" value="{value}"/>' for name, value in given.items())
     texture = f'<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>{told}</texture>'
     _, world = material(tmp_path, f'<bsdf type="diffuse">{texture}</bsdf>', "0.6.0")
     matrix = np.array(world.textures[0].uv_matrix)
     for u, v in ((0.0, 0.0), (0.3, 0.6)):
         across, up = matrix @ (u, 1 - v, 1)
-        assert (across, 1 - up) == pytest.approx((2 * u + 0.25, 3 * v + 0.5))
+        assert (across, 1 - up) == pytest.approx(
+            (scales.get("uscale", 4) * u + 0.25, scales.get("vscale", 4) * v + 0.5)
+        )
 
 
 @pytest.mark.parametrize(

@@ -87,13 +87,15 @@ def test_preview_surfaces_are_principled(tmp_path):
     assert (found.ior, found.opacity) == pytest.approx((1.8, 0.6))
 
 
-def test_specular_colours_are_reflected_at_right_angles(tmp_path):
-    _, found = surface(
-        tmp_path,
-        "float inputs:metallic = 1\nint inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor = (.16, .08, .04)",
-    )
+@pytest.mark.parametrize(
+    ("told", "reflected"), [((0.16, 0.08, 0.04), (0.16, 0.08, 0.04)), ((1, 1, 0.45), (0.9, 0.9, 0.45))]
+)
+def test_specular_colours_are_reflected_at_right_angles(tmp_path, told, reflected):
+    """Up to 0.9 of the light: no index reflects all."""
+    color = f"color3f inputs:specularColor = {told}"
+    _, found = surface(tmp_path, f"float inputs:metallic = 1\nint inputs:useSpecularWorkflow = 1\n{color}")
     least = ((found.ior - 1) / (found.ior + 1)) ** 2
-    assert np.array(found.specular_color) * least == pytest.approx((0.16, 0.08, 0.04))
+    assert np.array(found.specular_color) * least == pytest.approx(reflected)
     assert found.metallic == 0
 
 
