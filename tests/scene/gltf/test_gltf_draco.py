@@ -51,8 +51,12 @@ def corners(points, uvs, triangles):
     return found
 
 
-def test_compressed_triangles_are_those_that_went_in(tmp_path):
-    mesh = load_gltf(write_gltf(tmp_path, compressed())).meshes[0]
+@pytest.mark.parametrize("mode", [4, 5])
+def test_compressed_triangles_are_those_that_went_in(tmp_path, mode):
+    """Also of what was a strip: what comes out has all corners of each triangle."""
+    tree = compressed()
+    tree["meshes"][0]["primitives"][0]["mode"] = mode
+    mesh = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
     up = np.column_stack([UVS[:, 0], 1 - UVS[:, 1]])
     assert corners(mesh.vertices, mesh.uvs, mesh.triangles) == corners(POINTS, up, FACES)
 

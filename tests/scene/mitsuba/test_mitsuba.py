@@ -304,3 +304,11 @@ def test_an_environment_is_as_bright_as_its_picture_times_its_scale(tmp_path, sc
     sky = f'<emitter type="envmap"><string name="filename" value="sky.png"/>{told}</emitter>'
     world = load_world(scene(tmp_path, SENSOR + '<shape type="cube"/>' + sky))
     np.testing.assert_allclose(world.environment_map.radiance, scale or 1.0, rtol=1e-5)
+
+
+def test_a_mirrored_sky_stays_mirrored(tmp_path):
+    PIL.Image.new("RGB", (8, 4), "white").save(tmp_path / "sky.png")
+    place = '<transform name="to_world"><scale x="-2" y="2" z="2"/></transform>'
+    sky = f'<emitter type="envmap"><string name="filename" value="sky.png"/>{place}</emitter>'
+    world = load_world(scene(tmp_path, SENSOR + '<shape type="cube"/>' + sky))
+    np.testing.assert_allclose(world.environment_map.to_world, np.diag((-1.0, 1.0, 1.0)), atol=1e-9)

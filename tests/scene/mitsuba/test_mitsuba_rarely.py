@@ -166,3 +166,10 @@ def test_that_one_of_several_bsdfs_is_used_is_told(tmp_path):
     found, world = material(tmp_path, color.format("1 0 0") + color.format("0 1 0"))
     assert found.color == (1, 0, 0)
     assert world.warnings == ("scene.xml: the first of several bsdfs of a shape is used",)
+
+
+@pytest.mark.parametrize(("told", "stretch"), [(0.0, 1.0), (0.5, 0.55**-0.5), (1.0, 0.1**-0.5)])
+def test_what_is_brushed_is_narrower_across_by_disneys_aspect(tmp_path, told, stretch):
+    """√(1 − 0.9 · anisotropic): never a line."""
+    found, _ = material(tmp_path, f'<bsdf type="principled"><float name="anisotropic" value="{told}"/></bsdf>')
+    assert found.stretch == pytest.approx(stretch)

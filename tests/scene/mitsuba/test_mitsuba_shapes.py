@@ -126,3 +126,22 @@ def test_round_shapes_are_as_large_and_laid_out_as_mitsuba_says(tmp_path, kind, 
         # Here v counts from a picture's bottom.
         expected = [from_uv(2 * np.pi * float(u), 2 * np.pi * (1 - float(v))) for u, v in mesh.uvs]
         np.testing.assert_allclose(mesh.vertices, expected, atol=1e-5)
+
+
+CUBE = """1 -1 -1  1 -1 1  -1 -1 1  -1 -1 -1    1 1 -1  -1 1 -1  -1 1 1  1 1 1    1 -1 -1  1 1 -1  1 1 1  1 -1 1
+1 -1 1  1 1 1  -1 1 1  -1 -1 1    -1 -1 1  -1 1 1  -1 1 -1  -1 -1 -1    1 1 -1  1 -1 -1  -1 -1 -1  -1 1 -1"""
+"""The corners of its faces in Mitsuba's own table; each has the texture coordinates 0 1, 1 1, 1 0 and 0 0."""
+
+
+def test_pictures_lie_on_a_cube_as_in_mitsuba(tmp_path):
+    """Corners are told apart by the face that they are of: the axis along which all four are alike."""
+    faces = np.array(CUBE.split(), float).reshape(6, 4, 3)
+    expected = {
+        (*face.sum(axis=0), *corner, *uv)
+        for face in faces
+        for corner, uv in zip(face, ((0, 1), (1, 1), (1, 0), (0, 0)), strict=True)
+    }
+    (mesh,) = load(tmp_path, '<shape type="cube"><bsdf type="diffuse"/></shape>').meshes
+    found = zip(mesh.vertices.reshape(6, 4, 3), mesh.uvs.reshape(6, 4, 2), strict=True)
+    # Here v counts from a picture's bottom.
+    assert {(*f.sum(axis=0), *c, u, 1 - v) for f, uvs in found for c, (u, v) in zip(f, uvs, strict=True)} == expected

@@ -237,6 +237,9 @@ def test_light_changes_with_its_samples(tmp_path):
     for time_s, intensity in ((0.0, 2), (0.25, 5), (0.5, 8), (0.75, 4)):
         assert lamp.radiance[0] * lamp.modulation.mean(time_s, time_s)[0] == pytest.approx(intensity)
     assert world.duration_s == 1.0
+    # Without a camera all goes on anew.
+    (lamp,) = lamps(tmp_path, text.partition("\n")[0], f"{METRES}\n    {SECONDS}").sphere_lights
+    assert lamp.radiance[0] * lamp.modulation.mean(1.25, 1.25)[0] == pytest.approx(5)
 
 
 def test_the_dome_shows_each_direction_what_usd_says(tmp_path):

@@ -281,11 +281,14 @@ def test_points_beside_one_that_is_nowhere_keep_their_own_widths_and_colours(tmp
     assert not world.warnings
 
 
-def test_points_of_which_some_are_shown_have_their_own_widths(tmp_path, monkeypatch):
+def test_points_of_which_some_are_shown_have_their_own_widths_and_colours(tmp_path, monkeypatch):
     monkeypatch.setattr("clsim.scene.usd.points.MOST_POINTS", 2)
     points = """def Points "dust" { point3f[] points = [(0, 0, 0), (1, 0, 0), (5, 0, 0), (9, 0, 0)]
-        float[] widths = [0.5, 7, 1.5, 7] }"""
-    first, second = np.split(world_of(tmp_path, points).meshes[0].vertices[:, 0], 2)
+        float[] widths = [0.5, 7, 1.5, 7]
+        color3f[] primvars:displayColor = [(1, 0, 0), (1, 1, 1), (0, 1, 0), (1, 1, 1)] (interpolation = "vertex") }"""
+    (dust,) = world_of(tmp_path, points).meshes
+    first, second = np.split(dust.vertices[:, 0], 2)
+    np.testing.assert_array_equal(dust.colors[:: len(first)], [(1, 0, 0), (0, 1, 0)])
     assert (first.min(), first.max(), second.min(), second.max()) == pytest.approx((-0.25, 0.25, 4.25, 5.75))
 
 
