@@ -173,6 +173,8 @@ def test_the_sweeps_have_each_point_once() -> None:
     assert len(set(full)) == len(full) and {point.rendering.seed for point in full} == {0, 1}
     labels = {point.label for point in full}
     assert len(labels) == len(full) / 2, "two settings have one name"
+    rules = {dataclasses.replace(BASE, event_rule=rule).label for rule in ("frame", "interpolated", "linear-light")}
+    assert len(rules) == 3
     sensor = load_world("two-boxes").sensor
     for point in {*quick, *full}:
         assert point.detector.config(sensor).threshold_on == sensor.threshold_on

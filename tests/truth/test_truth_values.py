@@ -247,3 +247,17 @@ def test_a_picture_of_ecd_comes_before_the_event_at_its_own_time(tmp_path: Path)
     times_s = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
     (home / "images.txt").write_text("".join(f"{t:.6f} images/a.png\n" for t in times_s))
     assert [shot.event_index for shot in read_recording(str(home)).shots()] == [0, 0, 1, 1, 3, 4]
+
+
+def test_what_dsec_calls_covisible_is_seen_at_both_times(tmp_path: Path) -> None:
+    given = recordings.feed(open_layout(str(tmp_path / "run.dsec"), recordings.about()))
+    for number, shot in enumerate(given.shots[:-1]):
+        seen = read_png(tmp_path / "run.dsec" / "flow" / "forward_covisible" / f"{number:06d}.png")
+        assert np.array_equal(seen, shot.planes["flow"][..., 3] > 0)
+
+
+def test_poses_and_calibration_of_tum_vie_are_not_written_by_the_right_camera(tmp_path: Path) -> None:
+    """They would take the place of the left one's, whose they are."""
+    recordings.feed(open_layout(str(tmp_path / "run.tumvie"), recordings.about(side="right")))
+    written = sorted(each.name for each in (tmp_path / "run.tumvie").iterdir())
+    assert written == ["right_images", "run-events_right.h5"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 from clsim.bench.throughput import scene as throughput_scene
+from clsim.cli.commands.bench import _flat
 
 
 def test_scenes_are_measured_and_what_is_missing_is_told(clsim, monkeypatch, tmp_path):
@@ -24,3 +25,10 @@ def test_scenes_are_measured_and_what_is_missing_is_told(clsim, monkeypatch, tmp
 def test_missing_scenes_alone_are_an_error(clsim, tmp_path):
     outcome = clsim("bench", "throughput", "--scene", str(tmp_path / "missing.toml"))
     assert outcome.status == 2 and "none of these scenes is there" in outcome.stderr
+
+
+def test_a_figure_is_told_with_the_names_of_all_that_it_is_of():
+    assert dict(_flat({"lanes": 8, "render": {"cornell": {"build_s": 0.5}}})) == {
+        "lanes": 8,
+        "render.cornell.build_s": 0.5,
+    }

@@ -9,6 +9,7 @@ from clsim.events.files import open_sink
 from clsim.events.formats.filesink import FlushPolicy
 from clsim.frames import page_aligned
 from clsim.frames.exr import ExrWriter
+from clsim.scene import bundled_names
 from tests.detect.reference_scenes import random_frames
 from tests.events.event_data import end_of
 
@@ -238,3 +239,8 @@ def test_a_long_recording_begins_with_its_first_event(clsim, tmp_path, start_us)
     assert (facts["first_us"], facts["last_us"]) == (start_us, start_us + 3_999_900)
     assert facts["farthest_pixel"] == [19, 9] and facts["on_share"] == 0.25
     assert facts["duration_s"] == pytest.approx(3.9999) and facts["events_per_s"] == pytest.approx(40_000 / 3.9999)
+
+
+def test_all_scenes_that_come_with_the_package_are_listed(clsim):
+    lines = clsim("scenes").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == bundled_names()

@@ -368,3 +368,14 @@ def test_no_index_is_below_that_of_air(tmp_path, told, ior):
     tree = gltf(materials=[{"extensions": {"KHR_materials_ior": {"ior": told}}}])
     tree["meshes"][0]["primitives"][0]["material"] = 0
     assert load_gltf(write_gltf(tmp_path, tree)).materials[0].ior == ior
+
+
+def test_a_picture_in_webp_goes_before_what_stands_in_for_it(tmp_path):
+    tree = gltf(
+        materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        images=[{"uri": image_uri(np.full((1, 1, 3), value))} for value in (10, 200)],
+        textures=[{"source": 0, "extensions": {"EXT_texture_webp": {"source": 1}}}],
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    (texture,) = load_gltf(write_gltf(tmp_path, tree)).textures
+    assert texture.pixels[0, 0, 0] == 200

@@ -173,3 +173,12 @@ def test_what_is_brushed_is_narrower_across_by_disneys_aspect(tmp_path, told, st
     """√(1 − 0.9 · anisotropic): never a line."""
     found, _ = material(tmp_path, f'<bsdf type="principled"><float name="anisotropic" value="{told}"/></bsdf>')
     assert found.stretch == pytest.approx(stretch)
+
+
+def test_a_picture_of_a_principled_surface_tells_the_root_of_alpha(tmp_path):
+    """As ours does: what is told is kept."""
+    PIL.Image.fromarray(np.array([[64, 200]], np.uint8)).save(tmp_path / "a.png")
+    told = '<string name="filename" value="a.png"/><boolean name="raw" value="true"/>'
+    rough = f'<texture type="bitmap" name="roughness">{told}</texture>'
+    found, world = material(tmp_path, f'<bsdf type="principled">{rough}</bsdf>')
+    assert found.alpha == 1.0 and world.textures[found.roughness_texture].pixels[0, :, 1].tolist() == [64, 200]

@@ -296,6 +296,7 @@ def test_metres_may_be_float_for_double():
 def test_what_is_missing_or_hidden_is_not_there(tmp_path):
     text = mesh() + mesh('uniform token purpose = "guide"', "guide") + mesh('token visibility = "invisible"', "gone")
     text += mesh('uniform token purpose = "proxy"', "coarse")
+    text += f'def Xform "group" {{ token visibility = "invisible"\n{mesh()} }}\n'
     world = load_world(usda(tmp_path, text + 'def "lost" (references = @nowhere.usda@) {}'))
     assert [instance.name for instance in world.instances] == ["square"]
     assert any("nowhere.usda" in warning for warning in world.warnings)

@@ -19,6 +19,21 @@ def test_instances_share_triangles(tmp_path):
     assert [instance.motion.pose(0.0)[0, 3] for instance in world.instances] == [1, 5]
 
 
+def test_instances_have_the_materials_that_they_are_given(tmp_path):
+    bound = 'prepend apiSchemas = ["MaterialBindingAPI"]'
+    text = f'class "made" {{ {mesh()} }}\n' + "".join(
+        f'def Xform "{name}" ({bound}\ninstanceable = true\nreferences = </made>)\n'
+        f"{{ rel material:binding = </of_{name}> }}\n"
+        f'def Material "of_{name}" {{ token outputs:surface.connect = </of_{name}/S.outputs:surface>\n'
+        f'def Shader "S" {{ uniform token info:id = "UsdPreviewSurface"\n'
+        f"color3f inputs:diffuseColor = {color}\ntoken outputs:surface }} }}\n"
+        for name, color in (("a", (1, 0, 0)), ("b", (0, 0, 1)))
+    )
+    world = load_world(usda(tmp_path, text))
+    found = [world.materials[int(world.meshes[i.mesh].material_ids[0])].color for i in world.instances]
+    assert found == [(1, 0, 0), (0, 0, 1)]
+
+
 def test_copies_stand_where_usd_puts_them(tmp_path):
     larger = placed("float3 xformOp:scale = (2, 2, 2)")
     text = f"""

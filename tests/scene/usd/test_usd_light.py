@@ -230,6 +230,14 @@ def test_panels_shine_along_minus_z_with_their_whole_area(tmp_path, kind):
     assert area == pytest.approx((0, 0, -6 if kind == "RectLight" else -4 * math.pi), rel=1e-6)
 
 
+def test_a_tube_has_the_area_of_its_round_side(tmp_path):
+    """Its light is what it emits times its area, that of 2π·r·l."""
+    world = lamps(tmp_path, 'def CylinderLight "tube" { float inputs:radius = 0.5\nfloat inputs:length = 3 }')
+    corners = world.meshes[-1].vertices[world.meshes[-1].triangles]
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.linalg.norm(sides, axis=1).sum() / 2 == pytest.approx(2 * math.pi * 0.5 * 3, rel=1e-5)
+
+
 def test_light_changes_with_its_samples(tmp_path):
     text = 'def SphereLight "blink" { float inputs:intensity.timeSamples = { 10: 2, 22: 8, 34: 0 } }\ndef Camera "c" {}'
     world = lamps(tmp_path, text, f"{METRES}\n    {SECONDS}")

@@ -108,6 +108,17 @@ def test_pictures_of_materialx(tmp_path, space, srgb):
     assert world.meshes[0].uvs.max() == 3 and not world.warnings
 
 
+def test_tiles_of_materialx_are_as_many_along_each_axis_as_told(tmp_path):
+    Image.fromarray(np.full((2, 2, 3), 128, np.uint8)).save(tmp_path / "a.png")
+    nodes = """def Shader "P" { uniform token info:id = "ND_tiledimage_color3"
+        asset inputs:file = @a.png@
+        float2 inputs:uvtiling = (2, 3)
+        color3f outputs:out }"""
+    inputs = ["color3f inputs:base_color.connect = </M/P.outputs:out>"]
+    world, made = materials_of(tmp_path, "ND_standard_surface_surfaceshader", inputs, nodes=nodes)
+    assert world.textures[made.texture].uv_matrix == ((2, 0, 0), (0, 3, 0))
+
+
 def test_a_coloured_coat_tints_what_lies_below(tmp_path):
     inputs = [
         "float inputs:coat = 0.5",
