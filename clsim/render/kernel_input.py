@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from typing import Any
+from typing import Any, Literal
 
 import warp as wp
 
@@ -28,6 +28,7 @@ class Settings:
     The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
     what pixels see of R, G and B, and ``mosaic`` what those of each square of four do. Nothing is farther away than
     ``reach_m``, if that is finite, and no sphere is less wide than ``least_sphere_rad`` [rad], seen from the camera.
+    ``specks`` are what is so small that it may hide between a pixel's corners, see `SceneData.specks`.
     Pixels see no difference in luminance below ``darkest``.
     """
 
@@ -43,6 +44,7 @@ class Settings:
     mosaic: Mosaic
     reach_m: float
     least_sphere_rad: float
+    specks: wp.array[wp.vec4, Literal[2]]
     darkest: float
     stream: wp.uint64
 

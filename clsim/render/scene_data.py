@@ -35,6 +35,9 @@ from clsim.scene.world import Vec3
 
 _MOST_SPHERES = 16
 """Lamps that are spheres from which on nobody asks in each frame how wide they are seen."""
+_SPECK_PX = 2.0
+"""What is no wider, from corner to corner of its box, may lie between the corners of a pixel [pixels]."""
+_MOST_SPECKS = 128
 
 
 class SceneData:
@@ -110,6 +113,7 @@ class SceneData:
         self.scene.materials = upload_materials(world, self.device)
         self.scene.lights = self._lights.lights
         self._levels = False
+        self._no_specks: Any = wp.zeros((0, 0), dtype=wp.vec4, device=self.device)
         self._lamp_motions, self._lamps_deform = lamp_motions(world)
         self._shining = Shining(world, self._lights.lights, self.scene.materials)
 
@@ -135,6 +139,35 @@ class SceneData:
         They are relative to the origin, and hold all the places to which `move_to` put them last.
         """
         return self._geometry.boxes_of_moving()
+
+    def specks(self, places: npt.NDArray[np.float64], pixel_rad: float) -> Any:
+        """Return the ways to what is so small that it may hide between a pixel's corners, from places in the world.
+
+        Instances and sphere lights are where `move` put them last. Of more than `_MOST_SPECKS` the widest are told.
+
+        Args:
+            places: from where one looks ``[K, 3]``: one for each time to which all was moved, if these are several.
+            pixel_rad: width of a pixel.
+
+        Returns:
+            On the device, ``[K, 1 + n, 4]``: each place from the origin, then the ways from there [m], and how far from
+            each the middle of a pixel that shows some of it may point [rad]; ``[0, 0, 4]`` where nothing is so small.
+        """
+        eyes = places - self.origin_m
+        middles, radii = self._geometry.balls()
+        ways = middles - eyes[:, None]
+        lengths = np.maximum(np.linalg.norm(ways, axis=2), 1e-30)
+        seen_rad = radii / lengths
+        small = 2.0 * seen_rad < _SPECK_PX * pixel_rad
+        chosen = np.flatnonzero(small.any(axis=0))
+        if not len(chosen):
+            return self._no_specks
+        widest = np.where(small, seen_rad, 0.0).max(axis=0)
+        chosen = chosen[np.argsort(-widest[chosen], kind="stable")[:_MOST_SPECKS]]
+        off = np.where(small, seen_rad + pixel_rad, 0.0)[:, chosen, None]
+        rows = np.concatenate([ways[:, chosen], off], axis=2)
+        first = np.broadcast_to(np.pad(eyes, ((0, 0), (0, 1)))[:, None], (len(rows), 1, 4))
+        return wp.array(np.concatenate([first, rows], axis=1), dtype=wp.vec4, device=self.device)
 
     def lamp_poses(self) -> npt.NDArray[np.float64]:
         """Return where what moves and shines is now ``[n, 4, 4]``; another array at each time where it deforms."""

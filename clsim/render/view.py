@@ -13,7 +13,7 @@ from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera.camera import CameraData
 from clsim.render.camera.film import Sample
-from clsim.render.camera.pixel_width import pixel_of
+from clsim.render.camera.pixel_width import pixel_of, widest_pixel
 from clsim.render.device.launch import Threads, Tiles, record, tile_size
 from clsim.render.kernel_input import settings_of
 from clsim.render.motion.standstill import Standstill
@@ -107,6 +107,7 @@ class View:
         self._threads = Threads(options.threads, self._device)
         self._store: PathStore | None = None
         self._steerer: Steerer | LightCacheHost | None = None
+        self._widest_rad = widest_pixel(camera) if features.sharp and self._pixel[0] > 0.0 else 0.0
         if options.first_hit_rays:
             data.add_texture_levels()
             probe_spp = options.probe_spp or options.spp
@@ -208,6 +209,8 @@ class View:
             self._settings.reach_m = self._data.farthest_m(pose[:3, 3])
             if self._options.first_hit_rays and self._pixel[0] > 0.0:
                 self._settings.least_sphere_rad = self._data.least_sphere_rad(pose[:3, 3], time_s)
+        if self._widest_rad > 0.0:
+            self._settings.specks = self._data.specks(pose[None, :3, 3], self._widest_rad)
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         changed |= self._shine(time_s)

@@ -190,6 +190,20 @@ class GeometryData:
             lowers, uppers = np.concatenate([lowers, low]), np.concatenate([uppers, high])
         return lowers, uppers
 
+    def balls(self) -> tuple[_F64, _F64]:
+        """Return middles ``[keys, n, 3]`` and radii ``[keys, n]`` of balls around instances, and of all sphere lights.
+
+        They are from the origin, at each of the last times, or at all of these.
+        """
+        if not self._sphere_lights:
+            return self._balls
+        keys = max(len(self._balls[0]), len(self._sphere_balls[0]))
+        both = zip(self._balls, self._sphere_balls, strict=True)
+        middles, radii = (
+            np.concatenate([np.broadcast_to(part, (keys, *part.shape[1:])) for part in parts], axis=1) for parts in both
+        )
+        return middles, radii
+
     def update(self, times_s: _F64) -> None:
         """Move everything to where it is at those times, the keys of the interval; work only where something moves."""
         for entry, (key, deforming) in self._deforming.items():
@@ -282,6 +296,7 @@ class GeometryData:
         low, high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
         centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], (low + high) / 2) + poses[..., :3, 3]
         extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (high - low) / 2)
+        self._balls = centres, np.linalg.norm(extents, axis=2)
         extents += _WIDER * (1.0 + np.abs(centres) + extents)
         lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
         if self._features.motion_blur:
@@ -296,6 +311,7 @@ class GeometryData:
         """Return the corners of boxes around what each sphere sweeps ``[spheres, 3]``; rows are of `_sphere_rows`."""
         places = rows.reshape(-1, len(self._sphere_lights), 4).astype(np.float64)
         centres, extents = places[..., :3], places[..., 3:]
+        self._sphere_balls = centres, extents[..., 0]
         extents = extents + _WIDER * (1.0 + np.abs(centres) + extents)
         lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
         if self._features.motion_blur:

@@ -113,7 +113,7 @@ def make_trace(
                 sample.places = wp.min(depth + 1, PLACES)
             if hit.triangle < 0:
                 sample = ending(scene, sample, hit, origin, direction, time, carried, primary, passed_m)
-                if wp.static(primary_only and features.stores_hits):
+                if wp.static(primary_only):
                     if not sample.hit:
                         sample.position = origin + direction * MOST_M
                 break

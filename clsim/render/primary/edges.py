@@ -5,7 +5,7 @@ Where corners see two surfaces, the places at which the edge crosses the pixel's
 share of each side is an area in closed form: k rays place a crossing to 2⁻ᵏ of a pixel.
 """
 
-from typing import Any
+from typing import Any, Literal
 
 import warp as wp
 
@@ -20,8 +20,8 @@ _OFF_LINE_PX = wp.constant(0.05)
 """Distance from a straight edge within which a ray may see the other side [pixels]."""
 _WIDE_PX = wp.constant(2.0)
 """What is wider hides between no corners of a pixel, but for its own blunt corners [pixels]."""
-
-
+_NOWHERE_M = wp.constant(1.0e30)
+"""Stands for the distance of what is not hit [m]."""
 _AHEAD = wp.constant(8)
 """Pixels ahead of which corners are asked for in memory."""
 
@@ -187,6 +187,31 @@ def _is_lit_otherwise_around(corners: wp.array[Sample], nearest: int, row: int, 
     return found
 
 
+@wp.func
+def _hides_a_speck(
+    specks: wp.array[wp.vec4, Literal[2]], instant: int, corners: wp.array[Sample], nearest: int, row: int
+) -> bool:
+    """Whether a pixel may show something so small that it lies between its corners."""
+    eye = wp.vec3(specks[instant, 0][0], specks[instant, 0][1], specks[instant, 0][2])
+    ahead = wp.vec3()
+    farthest = float(0.0)
+    for i in range(4):
+        corner = corners[nearest + (i & 1) + (i // 2) * row]
+        ahead += wp.normalize(corner.position - eye)
+        farthest = wp.max(farthest, wp.where(corner.hit, corner.depth, _NOWHERE_M))
+    ahead = wp.normalize(ahead)
+    found = bool(False)
+    for k in range(1, specks.shape[1]):
+        speck = specks[instant, k]
+        way = wp.vec3(speck[0], speck[1], speck[2])
+        length = wp.length(way)
+        off = ahead - way / length
+        # What lies behind all that the corners see is not seen.
+        before = length * (1.0 - speck[3]) < farthest
+        found = found or (before and wp.dot(off, off) < speck[3] * speck[3])
+    return found
+
+
 def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any) -> Any:
     """Return the Warp function ``judge_corners``, which gives the `Edge` that a pixel's corners tell of.
 
@@ -202,6 +227,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         settings: settings_type,
         pixel: wp.vec2,
         clear_m: float,
+        instant: int,
         corners: wp.array[Sample],
         nearest: int,
         row: int,
@@ -263,6 +289,12 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         edge.whole = edge.whole or (not boxed and settings.least_sphere_rad > _WIDE_PX * pixel[0])
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
+        if settings.specks.shape[0] > 0:
+            if _hides_a_speck(settings.specks, instant, corners, nearest, row):
+                # Corners tell nothing of it: rays inside count its share.
+                edge.plain = False
+                edge.flat = False
+                edge.straight = False
         return edge
 
     return judge_corners

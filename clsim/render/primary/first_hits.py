@@ -236,7 +236,7 @@ def make_sample_primary(
         if wp.static(edges):
             if primary_rays.steps > 0 and corner < 0 and not before.counted:
                 edge[0] = judge_corners(
-                    scene, settings, primary_rays.pixel, camera.clear_m[instant], corners, nearest, row
+                    scene, settings, primary_rays.pixel, camera.clear_m[instant], instant, corners, nearest, row
                 )
                 if edge[0].flat:
                     footprint = footprint_of(corners, nearest, row, primary_rays.pixel)

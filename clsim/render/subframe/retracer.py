@@ -12,7 +12,7 @@ import warp as wp
 from clsim.errors import InputError
 from clsim.frames import Fineness, Reflected, rendered_planes
 from clsim.render.camera.camera import CameraData
-from clsim.render.camera.pixel_width import pixel_of
+from clsim.render.camera.pixel_width import pixel_of, widest_pixel
 from clsim.render.device.launch import Threads, Tiles, record, tile_size
 from clsim.render.kernel_input import settings_of
 from clsim.render.motion.standstill import have_moved
@@ -94,6 +94,7 @@ class Retracer:
         self._settings: Any = settings_of(options, camera, data.world.sensor)
         self._settings.stream = stream_state(options.seed, None)
         self._primary_setup = PrimarySetup(pixel_of(camera), features.sharp, features.lamp_light)
+        self._widest_rad = widest_pixel(camera) if features.sharp and self._primary_setup.pixel[0] > 0.0 else 0.0
         if self._first_hits:
             data.add_texture_levels()
             self._settings.samples = self._first_hits
@@ -207,9 +208,14 @@ class Retracer:
         self._data.move_to(instants_s)
         if self._data.light_changes:
             self._data.shine(float(instants_s[0]), float(instants_s[0]))
+        if self._widest_rad > 0.0:
+            pose = self._data.world.camera.motion.pose
+            places = np.array([pose(time_s)[:3, 3] for time_s in instants_s.tolist()])
+            self._settings.specks = self._data.specks(places, self._widest_rad)
         planes, bits = self._target(len(pixels))
         changed = {
             "scene": self._data.scene,
+            "settings": self._settings,
             "camera": self._camera.at_instants(instants_s),
             "pixels": self._upload(pixels),
             "instants": self._upload(numbers),

@@ -298,3 +298,41 @@ def test_no_sphere_is_seen_narrower_than_is_told():
         ways_m = [np.linalg.norm(eye - lamp.motion.pose(time_s)[:3, 3]) for lamp in lamps]
         seen = min(2 * np.arcsin(lamp.radius_m / way_m) for lamp, way_m in zip(lamps, ways_m, strict=True))
         assert 0.98 * seen < data.least_sphere_rad(eye, time_s) <= seen
+
+
+@pytest.mark.parametrize("far_m", [0.0, 4e4])
+def test_what_is_smaller_than_a_pixel_is_seen_wherever_it_flies(far_m):
+    """A black tile before the sky, half as wide as a pixel, which lies between its corners most of the time."""
+    pixel_m = 2 * 5.0 * np.tan(np.radians(20.0)) / 36
+    half = 0.25 * pixel_m
+    speck = hw.box((-half, -half, -1e-3), (half, half, 1e-3))
+    flies = Glide((far_m + 0.03, 0.04, 0.0), (3.1 * pixel_m, 1.7 * pixel_m, 0.0))
+    view = hw.camera(hw.translation(far_m, 0, 5), 36, 30, 40.0)
+    scene = hw.world(
+        speck, view=view, motions=[flies], environment=(1.0, 1.0, 1.0), materials=(Material(color=(0.0, 0.0, 0.0)),)
+    )
+    run = Run(replace(scene, fps=7.0), spp=1, first_hit_rays=64)
+    covered = np.array([(1.0 - run.fill(index).plane("Emission")).sum() for index in range(20)])
+    np.testing.assert_allclose(covered, 0.25, atol=0.09)
+    assert covered.mean() == pytest.approx(0.25, abs=0.03)
+
+
+def test_ways_to_what_is_small_are_those_to_it_and_of_many_the_widest_are_told():
+    random = np.random.default_rng(3)
+    middles, sizes = random.uniform((-30, -30, 60), (30, 30, 120), (200, 3)), random.uniform(0.01, 0.1, 200)
+    boxes = [hw.box((-s, -s, -s), (s, s, s)) for s in sizes]
+    motions = [Glide(tuple(middle)) for middle in middles]
+    lamp = SphereLight(0.05, (1.0, 1.0, 1.0), Static(hw.translation(0, 0, -70)))
+    data = SceneData(replace(hw.world(*boxes, motions=motions), sphere_lights=(lamp,)))
+    data.move(2.0)
+    eye = np.array([0.5, -1.0, 2.0])
+    ways = np.vstack([middles + np.array((2, 0, 0)), (0, 0, -70)]) - eye
+    lengths = np.linalg.norm(ways, axis=1)
+    seen = np.append(np.sqrt(3.0) * sizes, 0.05) / lengths
+    (told,) = data.specks(eye[None], 0.1).numpy()
+    widest = np.argsort(-seen)[: len(told) - 1]
+    assert len(told) == 129
+    np.testing.assert_allclose(told[0, :3], eye - data.origin_m, atol=1e-5)
+    np.testing.assert_allclose(told[1:, :3], ways[widest], atol=1e-4)
+    np.testing.assert_allclose(told[1:, 3], seen[widest] + 0.1, rtol=1e-5)
+    assert data.specks(eye[None], seen.min() / 3).shape == (0, 0)

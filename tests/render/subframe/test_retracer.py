@@ -12,7 +12,7 @@ from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.render import PathTracer, RenderCancelled, RenderOptions, SceneData
 from clsim.render.device.launch import Tiles
 from clsim.render.subframe.retracer import Retracer
-from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static, load_world
+from clsim.scene import ImageTexture, Instance, Material, PunctualLight, SphereLight, Static, load_world
 from clsim.scene.driven import CAMERA, Driven, place_of, with_driven
 from clsim.scene.motion import Keyframes
 from tests.render import hand_worlds as hw
@@ -125,6 +125,16 @@ def test_first_hits_of_a_request_are_those_of_the_frame():
 def test_a_request_gives_the_bits_of_the_frame_where_one_object_moves(moving, rays):
     left_out = ("R", "G", "B", "Samples") if rays else ()
     compare(busy_world(*moving), RenderOptions(spp=2, first_hit_rays=rays), left_out)
+
+
+@pytest.mark.parametrize("camera_moves", [True, False])
+def test_first_hits_of_a_request_see_specks_as_those_of_the_frame_do(camera_moves):
+    world = busy_world(camera_moves)
+    crumbs = [hw.box((x, y, 0.0), (x + 0.02, y + 0.02, 0.02)) for x in (-1.0, -0.3, 0.6) for y in (1.0, 1.5)]
+    meshes = world.meshes + tuple(crumbs)
+    instances = [Instance(len(world.meshes) + k, Glide((0.1 * k, 0.0, 0.0))) for k in range(len(crumbs))]
+    world = replace(world, meshes=meshes, instances=(*world.instances, *instances))
+    compare(world, RenderOptions(spp=1, first_hit_rays=16), left_out=("R", "G", "B", "Samples"))
 
 
 def test_first_hits_of_a_request_are_those_of_the_frame_behind_a_wide_lens():
