@@ -133,6 +133,8 @@ def test_light_that_changes_slowly_lets_leak_what_it_should(slope):
 @example([(-1.0, [(2717918, 0.0)]), (-0.9, []), (-0.0, [(1, 0.0)])], 0.0)
 # Where a piece begins the output is straight, and bends soon, since dark light makes the receptor slower.
 @example([(-0.58203125, []), (-1.09375, [])], 0.0)
+# The same, where it makes the last turn just reach a threshold.
+@example([(-1.484375, []), (0.0, [(1, 1.25), (29022, -1.253)]), (-1.27734375, [])], 0.0)
 def test_filtered_pixels_fire_as_the_reference_does(path, rest_us):
     bench = Benchtop(replace(SensorSettings(front_end=FRONT), refractory=Refractory(rest_us)), 1, lux=LUX)
     bench.to(0, 0.0)
@@ -143,7 +145,7 @@ def test_filtered_pixels_fire_as_the_reference_does(path, rest_us):
     expected, _ = fire(filtered, 0.2, 0.25, rest_s=rest_us * 1e-6)
     if len(found) != len(expected):
         # A turn that just reaches a threshold, or does not: the reference of one a little higher or lower agrees.
-        counts = [len(fire(filtered, 0.2 + d, 0.25 + d, rest_s=rest_us * 1e-6)[0]) for d in (-1e-3, 1e-3)]
+        counts = [len(fire(filtered, 0.2 + d, 0.25 + d, rest_s=rest_us * 1e-6)[0]) for d in (-BENT_LATE, BENT_LATE)]
         assert min(counts) <= len(found) <= max(counts)
         return
     np.testing.assert_array_equal(found["on"], [on for _, on in expected])
