@@ -195,13 +195,15 @@ class GeometryData:
 
         They are from the origin, at each of the last times, or at all of these.
         """
-        if not self._sphere_lights:
-            return self._balls
-        keys = max(len(self._balls[0]), len(self._sphere_balls[0]))
-        both = zip(self._balls, self._sphere_balls, strict=True)
-        middles, radii = (
-            np.concatenate([np.broadcast_to(part, (keys, *part.shape[1:])) for part in parts], axis=1) for parts in both
-        )
+        # Without a tree over instances, all stand still.
+        middles, radii = self._balls if self._features.two_level else (part[:1] for part in self._balls)
+        if self._sphere_lights:
+            places, sizes = self._sphere_balls
+            keys = max(len(middles), len(places))
+            middles, radii, places, sizes = (
+                np.broadcast_to(part, (keys, *part.shape[1:])) for part in (middles, radii, places, sizes)
+            )
+            middles, radii = np.concatenate([middles, places], axis=1), np.concatenate([radii, sizes], axis=1)
         return middles, radii
 
     def update(self, times_s: _F64) -> None:

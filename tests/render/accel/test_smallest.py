@@ -336,3 +336,18 @@ def test_ways_to_what_is_small_are_those_to_it_and_of_many_the_widest_are_told()
     np.testing.assert_allclose(told[1:, :3], ways[widest], atol=1e-4)
     np.testing.assert_allclose(told[1:, 3], seen[widest] + 0.1, rtol=1e-5)
     assert data.specks(eye[None], seen.min() / 3).shape == (0, 0)
+
+
+@pytest.mark.parametrize("moves", ["lamp", "box", "both", "neither"])
+def test_ways_to_what_is_small_are_told_for_as_many_times_as_are_asked_however_many_there_were(moves):
+    lamp = Glide((0.0, 3.0, 0.0)) if moves in ("lamp", "both") else Static(hw.translation(0, 3, 0))
+    box = Glide() if moves in ("box", "both") else Static(np.eye(4))
+    world = hw.world(hw.box((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1)), motions=[box])
+    data = SceneData(replace(world, sphere_lights=(SphereLight(0.05, (1.0, 1.0, 1.0), lamp),)), instants=True)
+    for count in (1, 5, 3):
+        times_s = np.linspace(0.0, 2.0, count)
+        data.move_to(times_s)
+        told = data.specks(np.tile((0.0, 0.0, 50.0), (count, 1)), 0.1).numpy()
+        for time_s, (_, of_box, of_lamp) in zip(times_s, told, strict=True):
+            for found, motion in ((of_box, box), (of_lamp, lamp)):
+                np.testing.assert_allclose(found[:3], motion.pose(time_s)[:3, 3] - (0, 0, 50), atol=1e-5)
