@@ -38,6 +38,7 @@ _MOST_SPHERES = 16
 _SPECK_PX = 2.0
 """What is no wider, from corner to corner of its box, may lie between the corners of a pixel [pixels]."""
 _MOST_SPECKS = 128
+"""Each pixel whose corners are alike is compared with all of them, which takes some ns each."""
 
 
 class SceneData:

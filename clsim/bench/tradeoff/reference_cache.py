@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import os
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +29,8 @@ from clsim.render import RenderOptions
 from clsim.scene import Sensor, World
 
 RULES: tuple[EventRule, ...] = get_args(EventRule)
+_NOT_WHOLE = OSError, zipfile.BadZipFile, zlib.error, RuntimeError, ValueError, KeyError, EOFError
+"""What numpy, zip and zlib raise of a file that is not there, or damaged."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +108,8 @@ def _load(path: Path) -> Reference | None:
             cpu_s, wall_s = (float(value) for value in stored["seconds"])
             levels = Levels(stored["levels"], stored["times_us"])
             return Reference({rule: stored[rule] for rule in RULES}, levels, cpu_s, wall_s)
-    except Exception:  # not there, or not whole, which zip and zlib tell in many ways: it will be rendered
-        return None
+    except _NOT_WHOLE:
+        return None  # it will be rendered
 
 
 def _save(path: Path, reference: Reference) -> None:

@@ -289,7 +289,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         edge.whole = edge.whole or (not boxed and settings.least_sphere_rad > _WIDE_PX * pixel[0])
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
-        if settings.specks.shape[0] > 0:
+        if settings.specks.shape[0] > 0 and (edge.plain or edge.flat or edge.straight):
             if _hides_a_speck(settings.specks, instant, corners, nearest, row):
                 # Corners tell nothing of it: rays inside count its share.
                 edge.plain = False

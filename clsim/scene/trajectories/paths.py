@@ -193,8 +193,8 @@ def _arrays(path: Path) -> dict[str, Any]:
                 return {name: found[name] for name in found.files if found[name].dtype.kind in "fiu"}
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    # zipfile raises the last two for packing that it lacks, and for what needs a password.
-    except (ValueError, zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError) as error:
+    # zipfile raises the last for packing that it lacks, and for what needs a password.
+    except (ValueError, zipfile.BadZipFile, EOFError, RuntimeError) as error:
         raise InputError(f"{path}: is no npz of arrays ({' '.join(str(error).split())[:80]})") from None
     raise InputError(f"{path}: unpacks to more than {MAX_BYTES >> 20} MiB, expected a trajectory")
 

@@ -249,8 +249,8 @@ def _packed(package: Path, name: str) -> bytes:
         with zipfile.ZipFile(package) as packed:
             if packed.getinfo(name).file_size <= MAX_BYTES:
                 return packed.read(name)
-    # zipfile raises the last two for packing that it lacks, and for what needs a password.
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+    # zipfile raises the last for packing that it lacks, and for what needs a password.
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile, RuntimeError) as error:
         raise InputError(f"{package}: {name} cannot be read ({_reason(error)})") from None
     raise InputError(f"{package}: {name} is larger than {MAX_BYTES >> 30} GiB, expected a smaller picture")
 
