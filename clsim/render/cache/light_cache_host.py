@@ -1,4 +1,4 @@
-"""Host side of cached.py and light_cache.py: the cells, and how many paths pixels get."""
+"""Host side of cached.py and light_cache.py: what is added to the cells, and how many paths pixels get."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.cache.cached_light import Gathering
+from clsim.render.cache.cell_table import CellTable
 from clsim.render.cache.first_frame import paths_wanted, unit_of
 from clsim.render.cache.light_cache import LEVELS, Asked, Cell, Followed
-from clsim.render.cache.light_grid import BLOCK
-from clsim.render.cache.light_updates import SUMS, build_updates
+from clsim.render.cache.light_updates import build_updates
 from clsim.render.cache.path_store import PathStore
 from clsim.render.cache.stored_hits import StoredHits
 from clsim.render.cache.stored_hits_host import StoredHitsHost
@@ -42,15 +42,6 @@ _ENOUGH_FOR_FINE = 4
 _ENOUGH_STORED = 64
 """Least number of stored paths with which cells tell how light has changed as well as coarser ones; in a picture that
 is wider than so many pixels it is its width, as the change is smooth and cells are smaller there."""
-_CELLS_PER_PIXEL = 1
-"""Of the first table, half of which may be in use: it doubles where that is too few, and a large one takes time."""
-_LARGEST_TABLE = 1 << 22
-"""Cells beyond which those that no path has reached lately are forgotten: 736 MiB, and 1,296 where something moves."""
-_REMEMBERED = 128
-"""Frames after which a cell that no path has reached may be forgotten: whether something came near its stored paths has
-then cost about what it costs to trace and store them anew, …"""
-_ROUNDS_REMEMBERED = 8
-"""… unless each pixel had fewer turns to trace a path meanwhile: those few that reach a small cell take a while."""
 _NEVER = math.inf
 """A threshold that no number of paths reaches, so that all paths are traced."""
 
@@ -147,10 +138,7 @@ class LightCacheHost:
         self._passes, self._wanted = _PASSES_OF_FIRST, 0.0
         self._unit: float | None = None
         self._first_frame_error = first_frame_error
-        self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
-        self._keys, self._sums, self._cells, self._told = self._table(
-            1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
-        )
+        self._table = CellTable(pixels, store, device)
         self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._traced: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
         self._event, self._rays = event, effort.first_hit_rays
@@ -172,8 +160,8 @@ class LightCacheHost:
         return {
             "steering": Gathering(),
             "stored": StoredHits(),
-            "cells": self._cells,
-            "followed": self._told[1],
+            "cells": self._table.cells,
+            "followed": self._table.followed[1],
             "own": self._own,
             "traced": self._traced,
             "learnt": self._learnt,
@@ -198,7 +186,7 @@ class LightCacheHost:
         self._learns = self._is_time(time_us)
         if self._store is not None:
             begun_s = time.perf_counter()
-            self._store.follow(self._told)
+            self._store.follow(self._table.followed)
             self.light_s += time.perf_counter() - begun_s
         # Where paths follow the light, what is learnt of it is known at the end of a frame, and shown from the next
         # frame on that learns.
@@ -247,8 +235,8 @@ class LightCacheHost:
         self._gathering.tells_shadows = self._pace_hz is not None
         changed = {
             "steering": self._gathering,
-            "cells": self._cells,
-            "followed": self._told[1],
+            "cells": self._table.cells,
+            "followed": self._table.followed[1],
             "duplicate_every": 0,
             **self._found,
         }
@@ -264,7 +252,8 @@ class LightCacheHost:
         own, learnt = self._own, self._learnt
         if self._gathering.earlier:
             own, learnt = self._own_before, self._learnt_before
-        light = {"cells": self._cells, "followed": self._told[1], "own": self._own, "own_before": own, "learnt": learnt}
+        light = {"cells": self._table.cells, "followed": self._table.followed[1]}
+        light |= {"own": self._own, "own_before": own, "learnt": learnt}
         shadows = {"shadows_before": self._shadows[0], "shadows_after": self._shadows[1]}
         return {"steering": self._gathering} | light | shadows
 
@@ -293,7 +282,8 @@ class LightCacheHost:
             self._store.forget()
             return
         self._found_more = False
-        for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt, self._duplicate_learnt):
+        self._table.forget()
+        for each in (self._own, self._learnt, self._duplicate_learnt):
             each.zero_()
         self._frames, self._unit = 0, None
         self._times_us.clear()
@@ -365,32 +355,20 @@ class LightCacheHost:
         self._open.set_param_by_name("update", self._update)
         self._open.set_param_by_name("asked", self._asked())
         self._open_cells()
-        while self._is_full() and self._grow():
+        while self._table.is_full and self._table.make_room(self._update, self.effort.every):
             self._open_cells()
         asked = self._asked()
         # Until something has changed, nothing needs to be asked how it was before.
         asked.follows = self._store is not None and self._store.followed
-        table = {"sums": self._sums, "cells": self._cells}
-        self._add.run(len(self._own), table | {"asked": asked, "followed": self._told[1]})
+        table = {"sums": self._table.sums, "cells": self._table.cells}
+        self._add.run(len(self._own), table | {"asked": asked, "followed": self._table.followed[1]})
         self._average.run(len(self._own), table)
         if self._store is not None:
             found = {name: self._found[f"out_{name}"] for name in ("positions", "normals", "met")}
             found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
-            self._store.store(found, asked, self._cells, self._told)
+            self._store.store(found, asked, self._table.cells, self._table.followed)
             self.paths += self._store.take_count()
         self.light_s += time.perf_counter() - begun_s
-
-    def _table(self, rows: int) -> tuple[Any, Any, Any, tuple[Any, Any]]:
-        """Return free rows: their keys, their sums, their cells, and sums and cells of stored paths."""
-        keys: Any = wp.zeros(rows, dtype=wp.int64, device=self._device)
-        sums: Any = wp.zeros((rows, SUMS), dtype=wp.int64, device=self._device)
-        cells: Any = wp.zeros(rows, dtype=Cell, device=self._device)
-        return keys, sums, cells, self._store.table(rows) if self._store else self._nothing_told()
-
-    def _nothing_told(self) -> tuple[Any, Any]:
-        sums: Any = wp.zeros((1, 1), dtype=wp.int64, device=self._device)
-        followed: Any = wp.zeros(1, dtype=Followed, device=self._device)
-        return sums, followed
 
     def _make_room(self, paths: int) -> None:
         """Allocate what the paths of a frame find, and record the launches that keep it."""
@@ -403,13 +381,13 @@ class LightCacheHost:
         self._rows = rows
         self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights, "out_met": met}
         found = {"spent": self._spent, "positions": positions}
-        table = {"sums": self._sums, "cells": self._cells}
+        table = {"sums": self._table.sums, "cells": self._table.cells}
         kernels = build_updates()
         self._open = record(
             kernels.open_cells, shape[1], self._device, **found, normals=normals, asked=self._asked(), update=0,
-            keys=self._keys, cells=self._cells, out_rows=rows, out_used=self._used,
+            keys=self._table.keys, cells=self._table.cells, out_rows=rows, out_used=self._table.used,
         )  # fmt: skip
-        told = {"normals": normals, "lights": lights, "asked": self._asked(), "followed": self._told[1]}
+        told = {"normals": normals, "lights": lights, "asked": self._asked(), "followed": self._table.followed[1]}
         self._add = self._tiles(kernels.add_to_cells, **found, **table, rows=rows, **told)
         self._average = self._tiles(kernels.average, **found, **table, rows=rows)
 
@@ -421,35 +399,6 @@ class LightCacheHost:
         )  # fmt: skip
 
     def _open_cells(self) -> None:
-        self._open.set_param_by_name("keys", self._keys)
-        self._open.set_param_by_name("cells", self._cells)
+        self._open.set_param_by_name("keys", self._table.keys)
+        self._open.set_param_by_name("cells", self._table.cells)
         self._open.launch()
-
-    def _is_full(self) -> bool:
-        """Whether cells are hard to find, or were not found at all."""
-        used, missed = self._used.numpy()
-        return bool(used > self._cells.shape[0] // 2 or missed > 0)
-
-    def _grow(self) -> bool:
-        """Move the cells to a table twice as large, or forget those long unseen; return whether there is more room.
-
-        Where paths are stored, those of cells out of sight take time in each frame. So cells are forgotten there as
-        soon as half of them are out of sight, and else only where the table would be too large.
-        """
-        used = int(self._used.numpy()[0])
-        rows = self._cells.shape[0]
-        oldest = max(0, self._update - max(_REMEMBERED, _ROUNDS_REMEMBERED * self.effort.every))
-        larger: bool = 2 * rows <= _LARGEST_TABLE
-        if larger and self._store is not None:
-            cells = self._cells.numpy()
-            larger = 2 * np.count_nonzero((cells["key"] != 0) & (cells["update"] >= oldest)) > used
-        sums, source, told = self._sums, self._cells, self._told
-        self._keys, self._sums, self._cells, self._told = self._table(2 * rows if larger else rows)
-        moved: Any = wp.zeros(rows, dtype=wp.int32, device=self._device)
-        self._used.zero_()
-        to = [self._keys, self._sums, self._cells, self._used]
-        inputs = [sums, source, 0 if larger else oldest, *to, moved]
-        wp.launch(build_updates().move_cells, dim=rows, inputs=inputs, device=self._device)
-        if self._store is not None:
-            self._store.move(moved, told, self._told)
-        return larger or bool(self._used.numpy()[0] < used)

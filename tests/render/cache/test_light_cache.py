@@ -10,7 +10,7 @@ import warp as wp
 
 from clsim.errors import InputError
 from clsim.render import Effort, RenderOptions, direct_light_is_analytic, light_stands_still
-from clsim.render.cache import first_frame, light_cache_host
+from clsim.render.cache import cell_table, first_frame, light_cache_host
 from clsim.render.device.launch import Threads
 from clsim.render.primary import effort
 from clsim.scene import ImageTexture, Material, Sensor
@@ -270,17 +270,17 @@ def test_first_hit_rays_that_are_set_meanwhile_leave_a_frame_as_it_was():
 def test_a_table_that_grows_loses_nothing(monkeypatch):
     world = panning(textured_world())
     large = Run(world, **CACHED)
-    monkeypatch.setattr(light_cache_host, "_CELLS_PER_PIXEL", 0.25)
+    monkeypatch.setattr(cell_table, "_CELLS_PER_PIXEL", 0.25)
     small = Run(world, **CACHED)
-    few = small.tracer._steerer._cells.shape[0]
+    few = small.tracer._steerer._table.cells.shape[0]
     for index in range(4):
         np.testing.assert_array_equal(small.fill(index).planes, large.fill(index).planes)
-    assert small.tracer._steerer._cells.shape[0] > few
+    assert small.tracer._steerer._table.cells.shape[0] > few
 
 
 def test_a_table_that_may_not_grow_forgets(monkeypatch):
-    monkeypatch.setattr(light_cache_host, "_CELLS_PER_PIXEL", 0.25)
-    monkeypatch.setattr(light_cache_host, "_LARGEST_TABLE", 64)
+    monkeypatch.setattr(cell_table, "_CELLS_PER_PIXEL", 0.25)
+    monkeypatch.setattr(cell_table, "_LARGEST_TABLE", 64)
     run = Run(panning(textured_world()), **CACHED)
     for index in range(4):
         frame = run.fill(index)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.accel.upload_geometry import Places, into_boxes
-from clsim.render.cache import light_cache_host
+from clsim.render.cache import cell_table
 from clsim.render.cache.light_cache import Followed
 from clsim.render.cache.path_store import Movement, PathStore
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
@@ -280,8 +280,8 @@ def test_what_a_camera_has_left_behind_is_forgotten(monkeypatch):
         return shown, stored[-1], max(stored)
 
     shown, everything, _ = drive()
-    monkeypatch.setattr(light_cache_host, "_REMEMBERED", 6)
-    monkeypatch.setattr(light_cache_host, "_ROUNDS_REMEMBERED", 3)
+    monkeypatch.setattr(cell_table, "_REMEMBERED", 6)
+    monkeypatch.setattr(cell_table, "_ROUNDS_REMEMBERED", 3)
     forgetful, _, most = drive()
     assert most < 0.7 * everything
     lit = shown.mean(axis=1) > 0
