@@ -128,6 +128,16 @@ def brighter(scene: Scene, times: float) -> Scene:
     return made
 
 
+def at_rest(scene: Scene) -> Scene:
+    """Return the scene as it is at first, for ever."""
+    made = copy.deepcopy(scene)
+    for table in (made["camera"], *made["objects"], *made.get("sphere_lights", []), *made.get("lights", [])):
+        for place in table.pop("keyframes", [])[:1]:
+            table |= place
+            del table["time_s"]
+    return made
+
+
 def with_speck(scene: Scene) -> Scene:
     """Return the scene with a box of 1 cm that moves far below the floor."""
     return scene | {"objects": [*scene["objects"], SPECK]}

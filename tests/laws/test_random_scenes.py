@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 import clsim
-from tests.laws.random_scenes import Scene, as_toml, brighter, larger, scene_of, with_speck
+from tests.laws.random_scenes import Scene, as_toml, at_rest, brighter, larger, scene_of, with_speck
 
 pytestmark = pytest.mark.slow  # a scene's kernels are compiled for it alone
 
@@ -51,3 +51,9 @@ def test_a_scene_has_the_same_events(tmp_path: Path, seed: int, quality: str) ->
         again = events_of(tmp_path / "again.toml", changed(scene), quality, threads)
         assert shared(events, again) > 0.97, how
     assert len(events) > 10
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_a_scene_at_rest_is_silent_though_something_moves_that_nobody_sees(tmp_path: Path, seed: int) -> None:
+    scene = with_speck(at_rest(scene_of(seed)))
+    assert not len(events_of(tmp_path / "scene.toml", scene, "balanced"))

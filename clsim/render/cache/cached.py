@@ -72,7 +72,8 @@ def make_cached(
     primary rays, and the paths of the last frame that traced any.
 
     ``fired``, float ``[H·W]``, is the level at which each pixel fired last, NaN before the first frame. It is state
-    too, where ``steering.event`` has thresholds.
+    too, where ``steering.event`` has thresholds. So is ``rays``, int32 ``[H·W]``, the largest number of primary rays
+    that each pixel might get in the last frame.
 
     ``duplicate_learnt``, float ``[3, H·W / n]``, holds in its last row ``learnt`` of the second estimate of every n-th
     pixel, and in the others what each estimate has learnt more because of its assumed error.
@@ -119,6 +120,7 @@ def make_cached(
         traced: wp.array[int],
         learnt: wp.array[float],
         fired: wp.array[float],
+        rays: wp.array[int],
         own_before: wp.array[wp.vec3],
         duplicate_learnt: wp.array2d[float],
         duplicate_every: int,
@@ -159,6 +161,9 @@ def make_cached(
                         continue
                 else:
                     stays = duplicate_every == 0 and pixel_stays(stored, pixel)
+            least_rays = int(0)
+            if steering.stands and not corner_pass:
+                least_rays = rays[pixel]
             while primary_rays.most > last:
                 last = primary_rays.most
                 if stays:
@@ -185,9 +190,11 @@ def make_cached(
                 gathered = light_of(cells, followed, surfaces, seen.surfaces, gathering, spectral)
                 if told and seen.counted:
                     so_far = finished(gathered, own[pixel], own[pixel], spectral)
-                    gained = wp.where(duplicate_every > 0, 0.0, gain(so_far, settings.darkest, spectral))
+                    gained = wp.where(duplicate_every > 0, 0.0, gain(so_far, settings.darkest, learnt[pixel], spectral))
                     level = level_of(shown_in(so_far, False, learnt[pixel] + gained), steering.event, spectral)
                     error = error_allowed(level, fired[pixel], steering.event)
+                if stays:
+                    least_rays = stored.pixels[pixel].most
                 primary_rays = refine_primary_rays(
                     gathered.brightness,
                     gathered.squares,
@@ -197,12 +204,14 @@ def make_cached(
                     primary_rays,
                     error,
                     told,
+                    least_rays,
                 )
                 if stays:
                     stays = primary_rays.most == stored.pixels[pixel].most
                     primary_rays = steering.primary_rays
                     if not stays:
-                        # In other light it needs another number of rays.
+                        # In other light, or near an event, it needs more rays.
+                        least_rays = rays[pixel]
                         seen = Seen()
                         last = 0
             if corner_pass:
@@ -211,9 +220,11 @@ def make_cached(
                 if stored.writes and not stays and duplicate_every == 0:
                     fewest = steering.primary_rays
                     most = refine_primary_rays(
-                        gathered.brightness, gathered.squares, settings.darkest, seen, fewest, fewest, error, told
+                        gathered.brightness, gathered.squares, settings.darkest, seen, fewest, fewest, error, told, 0
                     ).most
                     store_hits(stored, pixel, seen, most, surfaces)
+            if not stays and duplicate_every == 0:
+                rays[pixel] = primary_rays.most
             if steering.tells_shadows and duplicate_every == 0:
                 out_shadows[pixel] = seen.shadow
             if duplicate_every > 0:
@@ -221,7 +232,7 @@ def make_cached(
                 # Its rays hit other cells, which learn something else.
                 learnt_then = duplicate_learnt[2, number]
                 if settings.samples > 0:
-                    duplicate_learnt[2, number] = learnt_then + gain(gathered, settings.darkest, spectral)
+                    duplicate_learnt[2, number] = learnt_then + gain(gathered, settings.darkest, learnt_then, spectral)
                 if not steering.earlier:
                     learnt_then = duplicate_learnt[2, number]
                 shows = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
@@ -277,7 +288,7 @@ def make_cached(
             gathered = finished(gathered, own[pixel], before, spectral)
             learnt_so_far = learnt[pixel]
             if settings.samples > 0:
-                learnt[pixel] = learnt_so_far + gain(gathered, settings.darkest, spectral)
+                learnt[pixel] = learnt_so_far + gain(gathered, settings.darkest, learnt_so_far, spectral)
                 out_spent[1, pixel] = wanted
             if not steering.earlier:
                 learnt_so_far = learnt[pixel]

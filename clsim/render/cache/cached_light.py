@@ -45,6 +45,7 @@ class Gathering:
         tells_shadows: whether it is recorded which rays reach the lamps.
         cell: how wide the finest cells are, as a pixel is (`pixel_width.py`); they are no wider than that.
         anchored: whether cells lie on what moves.
+        stands: whether the camera is where it was one frame before, and lamps too.
         event: what pixels fire at, unless this is no frame that is seen, or is shown as it was known ``earlier``.
     """
 
@@ -60,6 +61,7 @@ class Gathering:
     tells_shadows: bool
     cell: wp.vec2
     anchored: bool
+    stands: bool
     event: NextEvent
 
 
@@ -202,14 +204,18 @@ def finished(gathered: GatheredLight, own: wp.vec3, own_before: wp.vec3, weights
 
 
 @wp.func
-def gain(gathered: GatheredLight, darkest: float, weights: wp.vec3) -> float:
+def gain(gathered: GatheredLight, darkest: float, learnt: float, weights: wp.vec3) -> float:
     """Return by how much what a pixel reflects has changed because light is known better, not because it changed.
 
-    That is the logarithm of a ratio. What shines by itself is always known. Below ``darkest`` there is nothing to
-    learn.
+    That is the logarithm of a ratio. What shines by itself is always known. Below ``darkest`` no pixel sees what it
+    shows, by what it had ``learnt``: there is nothing to learn, unless it showed more before.
     """
-    now = wp.max(brightness(gathered.light, weights), darkest)
-    before = wp.max(gathered.before, darkest)
+    dark = darkest * wp.exp(learnt)
+    least = dark
+    if gathered.before >= dark:
+        least = _LEAST * dark
+    now = wp.max(brightness(gathered.light, weights), least)
+    before = wp.max(gathered.before, dark)
     return wp.clamp(wp.log(now / before), -_LARGEST_GAIN, _LARGEST_GAIN)
 
 

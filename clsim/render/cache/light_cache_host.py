@@ -20,6 +20,7 @@ from clsim.render.cache.stored_hits import StoredHits
 from clsim.render.cache.stored_hits_host import StoredHitsHost
 from clsim.render.cache.stored_paths import Met
 from clsim.render.device.launch import Threads, Tiles, record
+from clsim.render.motion.standstill import have_moved
 from clsim.render.primary.effort import Effort, PrimarySetup, primary_rays_for
 from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import NextEvent
@@ -143,6 +144,8 @@ class LightCacheHost:
         self._traced: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
         self._event, self._rays = event, effort.first_hit_rays
         self._fired: Any = wp.full(pixels if event.on > 0 else 1, math.nan, dtype=wp.float32, device=device)
+        self._rays_of: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
+        self._pose: npt.NDArray[np.float64] | None = None
         self._learnt: Any = wp.zeros(pixels, dtype=wp.float32, device=device)
         self._own_before, self._learnt_before = self._own, self._learnt
         if pace_hz is not None:
@@ -166,6 +169,7 @@ class LightCacheHost:
             "traced": self._traced,
             "learnt": self._learnt,
             "fired": self._fired,
+            "rays": self._rays_of,
             "own_before": self._own_before,
             "duplicate_learnt": self._duplicate_learnt,
             "duplicate_every": 0,
@@ -210,6 +214,7 @@ class LightCacheHost:
             # Pixels are seen otherwise, and detectors take such a frame for a first one.
             self._rays = effort.first_hit_rays
             self._fired.fill_(math.nan)
+            self._rays_of.zero_()
         self._gathering: Any = Gathering()
         last = self._frames + 1 >= self._passes
         # Nobody sees the first frame before it is rendered for the last time: until then only its paths count.
@@ -226,6 +231,9 @@ class LightCacheHost:
         if self._frames < self._passes and self._finds_all:
             self._gathering.in_finest = _NEVER
         self._gathering.anchored = self._store is not None
+        stands = self._pose is not None and not have_moved(self._pose, pose)
+        self._gathering.stands = stands and not (self._store is not None and self._store.lamps_moved)
+        self._pose = pose
         self._gathering.cell = wp.vec2(*(_CELL_PX * width for width in self._primary_setup.pixel))
         self._gathering.asked = asked
         self._gathering.earlier = (self._learns or follows) and self._pace_hz is not None

@@ -9,7 +9,8 @@ from clsim.render.motion.deform import deforms
 from clsim.scene import Camera, World
 
 _SETTLED = 3
-"""Frames in a row, all alike, that are rendered: light that followed what moved comes to rest after it."""
+"""Frames in a row, all alike, that are rendered: light that followed what moved comes to rest after it. Before anything
+has moved the first one will do."""
 _ROUNDING = 1e-14
 """Part of a pose by which it may differ, as one between two equal keys does, and be the same."""
 _F32 = npt.NDArray[np.float32]
@@ -32,7 +33,8 @@ class Standstill:
         self._half_s = 0.5 * camera.shutter_s
         self._poses: list[_F64 | None] = [None] * len(self._motions)
         self._effort: object = None
-        self._alike = 0
+        self._alike, self._settled = 0, 1
+        self._begun = False
         self._planes: _F32 = np.zeros(0, np.float32)
 
     def repeat(self, time_s: float, effort: object, out: _F32) -> bool:
@@ -42,24 +44,24 @@ class Standstill:
         """
         if self._changes:
             return False
-        if not self._stands(time_s) or effort != self._effort:
-            self._alike = 0
-        self._effort = effort
-        if self._alike == _SETTLED:
+        if (not self._stands(time_s) or effort != self._effort) and self._begun:
+            self.forget()
+        self._begun, self._effort = True, effort
+        if self._alike == self._settled:
             np.copyto(out, self._planes)
-        return self._alike == _SETTLED
+        return self._alike == self._settled
 
     def remember(self, planes: _F32) -> None:
         """Take notice of a frame that was rendered, whole."""
         if self._changes:
             return
         self._alike += 1
-        if self._alike == _SETTLED:
+        if self._alike == self._settled:
             self._planes = planes.copy()
 
     def forget(self) -> None:
-        """Know no frame: light has changed."""
-        self._alike = 0
+        """Know no frame: something, or light, has changed."""
+        self._alike, self._settled = 0, _SETTLED
 
     def _stands(self, time_s: float) -> bool:
         """Whether all is where it was when this was asked last; false where that is not known."""

@@ -215,6 +215,7 @@ def make_retraced(
                     primary_rays,
                     SHARE_ERROR,
                     False,
+                    0,
                 )
             shown = seen_light(gathered, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
             store_surfaces(surfaces, seen.surfaces, seen.rays, shown, settings.spectral, request, out_planes)

@@ -4,7 +4,8 @@
 Shares of a pixel that rays count are somewhat wrong, and so is its brightness where its surfaces differ. That matters
 where it may decide about an event. With cached light, and where contrast thresholds are known, a pixel
 remembers at what brightness it fired last. The nearer its next event, the more rays count shares. Farther away,
-brightness may be wrong by as much as is left to go.
+brightness may be wrong by as much as is left to go. Other rays show another brightness: so while camera and lamps
+stand, a pixel gets no fewer of them than in the frame before.
 """
 
 import warp as wp
@@ -86,6 +87,7 @@ def refine_primary_rays(
     primary_rays: PrimaryRays,
     error: float,
     told: bool,
+    least_rays: int,
 ) -> PrimaryRays:
     """Return the numbers of rays that a pixel needs after what its first rays saw.
 
@@ -98,6 +100,7 @@ def refine_primary_rays(
         primary_rays: the last ones.
         error: part of the brightness by which it may be wrong.
         told: whether that follows from how near an event is.
+        least_rays: that it gets where shares are counted, 0 where it does not matter.
     """
     refined = primary_rays
     if primary_rays.most == first.most and seen.counted:
@@ -110,6 +113,7 @@ def refine_primary_rays(
             # Small surfaces are easily missed.
             least = first.at_event
         needed = wp.max(needed, float(least) * wp.pow(SHARE_ERROR / error, 4.0 / 3.0))
+        needed = wp.max(needed, float(least_rays))
         while refined.most < primary_rays.at_contrast and float(refined.most) < needed:
             refined.most = refined.most * 2
     return refined

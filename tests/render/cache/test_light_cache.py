@@ -12,6 +12,7 @@ from clsim.errors import InputError
 from clsim.render import Effort, RenderOptions, direct_light_is_analytic, light_stands_still
 from clsim.render.cache import cell_table, first_frame, light_cache_host
 from clsim.render.device.launch import Threads
+from clsim.render.motion.standstill import Standstill
 from clsim.render.primary import effort
 from clsim.scene import ImageTexture, Material, Sensor
 from clsim.scene.defaults.drift import drifting
@@ -23,6 +24,12 @@ pytestmark = pytest.mark.usefixtures("ordinary")
 
 UNTOLD = light_cache_host.next_event(None, Sensor())
 CACHED = {"light_cache": True, "spp": 4, "probe_spp": 1}
+
+
+@pytest.fixture(autouse=True)
+def _all_frames_are_rendered(monkeypatch):
+    """Also where nothing has moved, as where something moves that is not seen."""
+    monkeypatch.setattr(Standstill, "repeat", lambda *_: False)
 
 
 def panning(world):
@@ -95,12 +102,14 @@ def test_noisy_light_gets_more_paths_before_the_first_frame_is_seen():
     assert found[0] == 2 * 4 and 40 < found[1] <= 4 / 0.28**2 + 4
 
 
-def test_what_seemed_black_comes_to_light_without_events():
-    """Where no path had found light, the first that does tells of it, and of no change."""
+@pytest.mark.parametrize("floor", [1e-4, 0.01, 0.05])
+def test_what_seemed_black_comes_to_light_without_events(floor):
+    """Where no path had found light, the first that does tells of it, and of no change; also about a sensor's floor."""
     # With a smaller error all is found before the first frame is seen.
-    run = Run(dim_room(), probe_every=2, first_hit_rays=8, first_frame_error=0.5, **CACHED)
-    seen = np.array([np.log(np.maximum(luminance(run.fill(index)), 1e-4)) for index in range(40)])
-    assert (seen[0] < np.log(2e-4)).sum() > 10
+    world = replace(dim_room(), sensor=Sensor(floor=floor))
+    run = Run(world, probe_every=2, first_hit_rays=8, first_frame_error=0.5, **CACHED)
+    seen = np.array([np.log(np.maximum(luminance(run.fill(index)), floor)) for index in range(40)])
+    assert (seen[0] < np.log(2 * floor)).sum() > 10
     assert np.abs(np.diff(seen, axis=0)).max() < 1e-5
 
 
