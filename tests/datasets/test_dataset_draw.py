@@ -12,7 +12,11 @@ from clsim.errors import InputError
 
 _PARTS = (("train", 0.7), ("val", 0.2), ("test", 0.1))
 _SCENE = {
-    "camera": {"position": {"uniform": [[-1.0, 0.0], [1.0, 2.0]]}, "wander": {"seed": {"integers": [0, 10**9]}}},
+    "camera": {
+        "position": {"uniform": [[-1.0, 0.0], [1.0, 2.0]]},
+        "wander": {"seed": {"integers": [0, 10**9]}},
+        "keyframes": [{"count": {"integers": [2, 9]}, "time_s": {"uniform": [0, 1]}}],
+    },
     "objects": [
         {
             "count": {"integers": [2, 5]},
@@ -42,6 +46,7 @@ def test_each_seed_varies_its_own_stream():
     assert plain["camera"] == placed["camera"]
     assert [o.get("size") for o in plain["objects"]] != [o.get("size") for o in placed["objects"]]
     assert Drawer(Seeds(noise=1), 0).seed() != Drawer(Seeds(), 0).seed() == Drawer(Seeds(motion=1), 0).seed()
+    assert len({Drawer(Seeds(), index).seed() for index in range(1000)}) == 1000, "no two have the same noise"
 
 
 def test_a_value_more_leaves_the_others_alone():
@@ -59,13 +64,14 @@ def test_counted_objects_differ():
 
 def test_values_are_spread_as_told():
     kinds = {
-        "u": {"uniform": [2.0, 3.0]}, "l": {"log_uniform": [1e-3, 1e3]}, "n": {"normal": [5.0, 2.0]},
+        "u": {"uniform": [2.0, 3.0]}, "l": {"log_uniform": [1e-3, 10.0]}, "n": {"normal": [5.0, 2.0]},
         "i": {"integers": [1, 3]}, "c": {"choice": ["a", "b"]},
     }  # fmt: skip
     drawn = [draw(index, template=kinds) for index in range(2000)]
     u, logs, n = (np.array([each[name] for each in drawn]) for name in "uln")
     assert 2.0 <= u.min() < 2.05 and 2.95 < u.max() <= 3.0
-    assert np.mean(np.log10(logs)) == pytest.approx(0.0, abs=0.15)
+    assert 1e-3 <= logs.min() < 1.1e-3 and 9 < logs.max() <= 10.0
+    assert np.mean(np.log10(logs)) == pytest.approx(-1.0, abs=0.15)
     assert (n.mean(), n.std()) == (pytest.approx(5.0, abs=0.15), pytest.approx(2.0, abs=0.15))
     assert {each["i"] for each in drawn} == {1, 2, 3}
     assert {each["c"] for each in drawn} == {"a", "b"}
@@ -103,6 +109,7 @@ def test_a_sequence_sees_its_own_parts_values_alone():
         ({"uniform": [1.0]}, "two numbers"),
         ({"uniform": [2.0, 1.0]}, "a low and a high end"),
         ({"uniform": [[0, 0], [1]]}, "two numbers"),
+        ({"uniform": [[[0]], [[1]]]}, "two numbers"),
         ({"log_uniform": [0.0, 1.0]}, "a low and a high end"),
         ({"normal": [0.0, -1.0]}, "standard deviation"),
         ({"integers": [0.5, 2]}, "whole numbers"),

@@ -75,14 +75,15 @@ def test_what_all_will_cost_is_told_by_ten(tmp_path, monkeypatch, workers, hours
     """Of 100 sequences, each of 36 s and 50 MB, on a machine of eight cores: no more of them work at once."""
 
     def made(spec, index, out, threads):
-        assert spec.layout == "h5" and "intensity" in spec.run["truth"], "which the sheet is drawn from"
+        assert spec.layout == "h5" and set(spec.run["truth"]) == {*tiny.run["truth"], "intensity"}, "the sheet shows it"
         return Done(index, "", "", {"events.h5": (50_000_000, "")}, {}, ("too dark",) * 2, False, {"cpu_s": 36.0})
 
     monkeypatch.setattr(preview_module, "run_job", made)
     monkeypatch.setattr("os.cpu_count", lambda: 8)
-    spec = replace(load_spec(str(Path(__file__).parent / "tiny.toml"), 100), layout="dsec")
+    tiny = load_spec(str(Path(__file__).parent / "tiny.toml"), 100)
+    spec = replace(tiny, layout="dsec")
     for longest_s, samples in ((60.0, 10), (-1.0, 1)):
-        told = preview_module.preview(spec, tmp_path, workers, longest_s)
+        told = preview_module.preview(spec, tmp_path / "new" / "folder", workers, longest_s)
         assert (told.samples, told.rejected) == (samples, 2 * samples)
         assert (told.cpu_hours, told.hours, told.gigabytes) == pytest.approx((1.0, hours, 5.0))
 
@@ -105,14 +106,19 @@ def test_a_sample_s_events_are_those_next_to_its_picture_in_time():
         width=12,
         height=8,
         frame_times_us=times_us,
-        truth=lambda name, frame: np.full((8, 12), 1.0),
+        truth=lambda name, frame: np.repeat([[4.0], [1.0]], [2, 6], axis=0).repeat(12, axis=1),
         events=lambda start_us, end_us: events[(events["t"] >= start_us) & (events["t"] < end_us)],
     )
-    seen = preview_module._tile(told)[:, 12:].astype(int)
+    tile = preview_module._tile(told)
+    assert tile[:, 0, 0].tolist() == [255] * 2 + [int(255 * 0.25 ** (1 / 2.2))] * 6, "as screens show light"
+    seen = tile[:, 12:].astype(int)
     expected = np.zeros((8, 12), int)
     near = events[np.argsort(np.abs(events["t"] - times_us[1]), kind="stable")[: 8 * 12 // 6]]
     expected[near["y"], near["x"]] = np.where(near["on"], 1, -1)
     np.testing.assert_array_equal(np.sign(np.where(seen.min(axis=2) == 255, 0, seen[..., 0] - seen[..., 2])), expected)
+    events = events[:2]
+    events["t"] = 24_999, 25_000
+    assert (preview_module._tile(told)[:, 12:].min(axis=2) < 255).sum() == 1, "15 ms after the picture, no more"
 
 
 def test_a_sequence_holds_what_was_asked_for_and_nothing_that_tells_of_the_clock(tmp_path):

@@ -120,6 +120,9 @@ def test_a_sequence_in_another_layout_is_told(tmp_path):
     (tmp_path / "sequence.dsec").mkdir()
     with pytest.raises(InputError, match="is in the layout dsec, which loaders of DSEC read; expected the layout h5"):
         Sequence(tmp_path)
+    open_sink(tmp_path / "events.h5", _W, _H).close()
+    with Sequence(tmp_path) as sequence:  # which the specification may ask for beside it
+        assert (sequence.width, len(sequence)) == (_W, 0)
 
 
 def test_times_of_a_file_may_begin_later(folder):
@@ -166,6 +169,7 @@ def test_readers_share_sequences_and_orders_are_repeatable(folder):
     assert sorted(order(worker=0, workers=2) + order(worker=1, workers=2)) == [0, 1, 2]
     orders = {tuple(order(shuffle_seed=seed)) for seed in range(12)}
     assert len(orders) > 1
+    assert order(shuffle_seed=0) != order(), "0 is a seed as any other"
     assert order(shuffle_seed=4) == order(shuffle_seed=4)
 
 

@@ -142,9 +142,13 @@ def test_files_are_listed_from_the_specifications_folder(tmp_path):
     (tmp_path / "models" / "more").mkdir(parents=True)
     for name in ("more/b.glb", "a.glb"):
         (tmp_path / "models" / name).touch()
-    text = 'scene.objects = [{ file = { files = "models/**/*.glb" } }]\n'
-    drawn = {spec_of(tmp_path, text).sample(index).scene["objects"][0]["file"] for index in range(20)}
-    assert drawn == {str(tmp_path / "models" / name) for name in ("a.glb", "more/b.glb")}
+    text = 'scene.objects = [{ file = { files = "models/**/*.glb", held_out = %s } }]\nsplit = { a = 0.5, b = 0.5 }\n'
+    both = [str(tmp_path / "models" / name) for name in ("a.glb", "more/b.glb")]
+    for held_out in ("false", "true"):
+        spec = spec_of(tmp_path, text % held_out)
+        assert spec.scene["objects"][0]["file"]["choice"] == both, "in one order on all machines"
+        drawn = {(sample.split, sample.scene["objects"][0]["file"]) for sample in map(spec.sample, range(20))}
+        assert {file for _, file in drawn} == set(both) and len(drawn) == (2 if held_out == "true" else 4)
 
 
 @pytest.mark.parametrize(
