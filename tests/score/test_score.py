@@ -82,6 +82,10 @@ def test_a_small_case_counted_by_hand():
 def test_the_vertical_is_measured_in_image_heights():
     reference, events = batch((at(1), 10, 10, True)), batch((at(1), 10, 11, True))
     assert score(events, reference, W, H, FPS).chamfer == pytest.approx((1 / H) ** 2)
+    # From corner to corner too.
+    reference["x"], reference["y"], events["x"], events["y"] = 0, 0, W - 1, H - 1
+    far = score(events, reference, W, H, FPS)
+    assert far.chamfer == pytest.approx(0.99**2 + 0.98**2) and far.unmatched_events == 0
 
 
 def exhaustive_d2(events, others):
@@ -142,6 +146,8 @@ def test_empty_sets():
         assert (one.f1, one.precision, one.recall, one.strict_f1, one.chamfer) == (0, 0, 0, 0, 2)
         assert one.unmatched_events + one.unmatched_reference == 10
         assert one.dt_p95_us is None
+        drawn = curves(events, reference, Sampling(W, H, FPS))
+        assert not np.concatenate([drawn.precision, drawn.recall, drawn.f1]).any()
 
 
 def test_one_polarity_only():
@@ -157,6 +163,8 @@ def test_wrong_input_is_named():
     events = batch((1, 3, 60, True))
     with pytest.raises(InputError, match="the reference has an event at x=3, y=60, outside the image of 100×50"):
         score(batch(), events, W, H, FPS)
+    with pytest.raises(InputError, match="the reference has an event at x=3, y=60, outside the image of 100×60"):
+        curves(batch(), events, Sampling(W, 60, FPS))
     with pytest.raises(InputError, match="the event set has an event at x=100, y=3, outside the image of 100×50"):
         score(batch((1, 99, 49, True), (1, W, 3, True)), batch(), W, H, FPS)
     with pytest.raises(InputError, match="`fps` must be a positive number, got 0"):
@@ -178,12 +186,12 @@ def test_curves_pass_through_the_scores_and_rise():
         assert (values.precision[i], values.recall[i], values.f1[i]) == (result.precision, result.recall, result.f1)
     assert (np.diff(values.f1) > 0).all()
     usual = curves(events, reference, Sampling(W, H, FPS)).tau
-    assert len(usual) == 60 and (usual[0], usual[-1]) == pytest.approx((1e-5, 1e-2))
+    np.testing.assert_allclose(np.log10(usual), np.linspace(-5, -2, 60))
 
 
 @pytest.mark.slow
-def test_curves_are_drawn(tmp_path):
-    pytest.importorskip("matplotlib", reason="matplotlib draws the curves and is optional")
+def test_curves_are_drawn(tmp_path, monkeypatch):
+    figure = pytest.importorskip("matplotlib.figure", reason="matplotlib draws the curves and is optional").Figure
     from PIL import Image
 
     values = {
@@ -194,3 +202,9 @@ def test_curves_are_drawn(tmp_path):
         assert image.format == "PNG" and len(image.convert("RGB").getcolors(1 << 20)) > 10
     with pytest.raises(InputError, match="cannot write"):
         plot_curves(values, tmp_path / "nowhere" / "curves.png")
+    drawn = []
+    monkeypatch.setattr(figure, "savefig", lambda self, *_, **__: drawn.append(self))
+    plot_curves(values, "nowhere")
+    for panel, name in zip(drawn[0].axes, ("precision", "recall", "f1"), strict=True):
+        drawn_y = [line.get_ydata() for line in panel.lines[: len(values)]]
+        np.testing.assert_array_equal(drawn_y, [getattr(each, name) for each in values.values()])

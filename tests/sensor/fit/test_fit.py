@@ -13,8 +13,8 @@ from clsim.errors import InputError
 from clsim.events import empty_batch
 from clsim.sensor import SensorSettings, load_sensor
 from clsim.sensor.fit.fitted import fitted_rows, sensor_file
-from clsim.sensor.fit.flicker import fit_flicker
-from clsim.sensor.fit.still import Counts, fit_still
+from clsim.sensor.fit.flicker import FlickerFit, fit_flicker
+from clsim.sensor.fit.still import Counts, StillFit, fit_still
 from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import Defects, FrontEnd, Leak, Noise, Refractory, Threshold
 
@@ -174,6 +174,19 @@ def test_what_is_fitted_makes_the_file_of_a_sensor(still, flicker, tmp_path):
     own = math.sqrt(still.leak_decades[0] ** 2 - (0.15 / math.log(10)) ** 2)
     assert mine.leak.spread_decades == pytest.approx(own, rel=0.005) == pytest.approx(0.25, abs=0.015)
     assert mine.sources["leak.hz"].startswith("± ") and mine.sources["leak.hz"].endswith('still scene; a "b".raw')
+
+
+@pytest.mark.parametrize(("errors", "rest_us"), [(1 / 2.9, 300.0), (1 / 3.1, 300.0), (1 / 3.1, 19.0)])
+def test_a_leak_and_a_rest_are_told_from_three_standard_errors_on(errors, rest_us):
+    """And a rest of less than 20 µs may be a lamp's that is no exact sine."""
+    noise, none = (0.05, 0.001), np.zeros((4, 4), bool)
+    still = StillFit(noise, (0.2, 0.01), (0.2, 0.2 * errors), (0.3, 0.01), none, None, None)
+    lamp = FlickerFit((0.2, 0.01), (0.25, 0.01), (0.03, 0.001), (rest_us, rest_us * errors), (0.0, 0.0), 5.0)
+    rows = {name: number for name, number, _ in fitted_rows(still, lamp)}
+    assert rows["noise.on_hz"] == rows["noise.off_hz"] == noise
+    assert rows["leak.hz"] == (still.leak_hz if errors < 1 / 3 else None)
+    assert rows["refractory.us"] == (lamp.rest_us if errors < 1 / 3 and rest_us > 20 else None)
+    assert rows["defects.hot_share"] is None and rows["defects.dead_share"] is None
 
 
 def test_a_sensor_without_leak_and_defects_has_none():

@@ -58,8 +58,11 @@ def test_a_half_predicts_the_other(settings, seconds):
 
 def test_a_half_that_is_another_is_noticed():
     parts = quarters(RATES, 20.0)[:2] + quarters(replace(RATES, noise=Noise(0.4, 0.4, spread_decades=0.25)), 20.0)[2:]
-    rows = {row.name: row.errors_off for row in predicted(parts)[1]}
-    assert rows["OFF [1/s]"] > 4
+    for way in (1, -1):  # more of it as well as less
+        fit, (_, off, _) = predicted(parts[::way])
+        assert off.name == "OFF [1/s]" and off.errors_off > 4
+        second = np.mean([part.off[~fit.hot] for part in parts[::way][2:]]) / 5.0
+        assert fit.hot.any() and off.found == pytest.approx(second), "of pixels that are not hot"
 
 
 @pytest.mark.parametrize("seconds", [(20.0, 5.0), (20.0, 80.0)])

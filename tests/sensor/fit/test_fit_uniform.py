@@ -126,6 +126,14 @@ def test_a_file_is_a_sensors_also_where_leak_explains_more_events_than_there_wer
     assert noise.off_hz == (0.1,) * len(LUX) and noise.lux == LUX
 
 
+@pytest.mark.parametrize(("errors", "told"), [(1 / 1.9, False), (1 / 2.1, True)])
+def test_leaks_are_told_from_two_standard_errors_on(errors, told):
+    found = UniformFit(None, None, None, None, None, (0.2, 0.2 * errors), (0.01, 0.01 * errors), 1.0)
+    rows = {name: number for name, number, _ in uniform_rows(found)}
+    assert rows["leak.hz"] == (found.leak_hz if told else None)
+    assert rows["leak.parasitic_hz_per_lux"] == (found.leak_hz_per_lux if told else None)
+
+
 def test_few_lights_are_refused():
     with pytest.raises(InputError, match="take 5 illuminances at least, got 2"):
         fit_uniform([Rates(1.0, (1.0, 0.1), (1.0, 0.1)), Rates(2.0, (1.0, 0.1), (1.0, 0.1))] * 3)
