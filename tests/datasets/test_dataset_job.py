@@ -56,11 +56,13 @@ def test_what_is_whole_is_not_made_again_unless_it_is_of_another_job(tmp_path, s
     assert read_done(sequence_folder(tmp_path, 3)).job == other.job_hash(3)
 
 
-def test_files_have_their_sizes_and_hashes(tmp_path, spec, made):
+def test_files_have_their_sizes_and_hashes(tmp_path, spec, made, monkeypatch):
+    clocks = SimpleNamespace(perf_counter=iter((3.0, 103.0)).__next__, process_time=iter((5.0, 12.0)).__next__)
+    monkeypatch.setattr(job, "time", clocks)
     done = run_job(spec, 0, str(tmp_path), None)
     assert done.files["attempt-0.h5"] == (len(_DATA), hashlib.sha256(_DATA).hexdigest())
     assert set(done.files) == {"attempt-0.h5", "scene.toml"}
-    assert done.figures["events"] == 7 and done.cost["wall_s"] > 0
+    assert done.figures["events"] == 7 and done.cost == {"cpu_s": 7.0, "wall_s": 100.0}
 
 
 def test_what_scenes_ask_for_in_vain_is_told_once(tmp_path, spec, made):
@@ -78,6 +80,9 @@ def test_attempts_end_with_the_first_that_is_kept(tmp_path, spec, made):
     assert done.rejected[1] == "attempt 1: events_per_pixel_s is 2, expected 2.5 to 9"
     assert set(done.files) == {"attempt-2.h5", "scene.toml"}
     assert len({sample.run["seed"] for sample in made}) == 3
+    progress = Progress(1)
+    progress.add(done)
+    assert (progress.whole, progress.rejected) == (1, 0)
 
 
 def test_none_is_kept_when_all_are_rejected(tmp_path, spec, made):
@@ -196,7 +201,8 @@ def test_a_dry_runs_sheet_is_in_nobodys_way(tmp_path):
     (out / "contact-sheet.png").write_bytes(b"a picture")
     spec = load_spec("flow")
     prepare(spec, out)
-    assert (out / "contact-sheet.png").is_file() and (out / "dataset.json").is_file()
+    assert (out / "contact-sheet.png").is_file()
+    assert json.loads((out / "dataset.json").read_text())["split"] == ["train", "val", "test"]
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "notes.txt").touch()
     with pytest.raises(InputError, match="something else"):

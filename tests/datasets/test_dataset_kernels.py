@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import CancelledError
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ from clsim.datasets import engine
 from clsim.datasets.kernels import KernelCaches, copy_missing
 from clsim.datasets.spec import load_spec
 from clsim.errors import InputError
+from clsim.live.options import LiveOptions
 
 
 def test_kernels_that_lack_are_copied_and_others_are_left_alone(tmp_path):
@@ -38,14 +40,24 @@ def test_a_cache_that_cannot_be_written_costs_no_sequence(tmp_path, monkeypatch)
         monkeypatch.delenv(variable, raising=False)
     (tmp_path / "clsim").write_text("no folder")
     monkeypatch.setenv("CLSIM_USER_CACHE", str(tmp_path))
-    caches = KernelCaches("spec", 1)
+    caches = KernelCaches("spec", 3)
     caches.setup(SimpleNamespace(local_directory=str(tmp_path / "worker")))
+    assert os.environ["POCL_MAX_PTHREAD_COUNT"] == "3", "as many threads as a worker has"
     with caches.shared():
         made = tmp_path / "worker/kernels/warp/k.o"
         made.parent.mkdir(parents=True)
         made.write_text("kernel")
     with pytest.raises(ZeroDivisionError), caches.shared():
         _ = 1 / 0
+
+
+def test_what_is_compiled_ahead_are_two_frames_however_long_sequences_are(monkeypatch):
+    """A specification may say it in seconds; both at once would be refused."""
+    ran = []
+    monkeypatch.setattr(engine, "run_task", lambda spec, *_: ran.append(spec))
+    engine.run_briefly(load_spec("flow"), 0, 1)
+    options = LiveOptions.from_dict(ran[0].sample(0).run | {"scene": "a.toml"})
+    assert (options.frame_count, options.duration_s, ran[0].reject.needs) == (2, None, ())
 
 
 def test_a_worker_that_dies_compiling_ahead_does_not_end_the_run():

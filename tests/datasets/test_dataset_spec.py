@@ -65,8 +65,10 @@ def test_a_base_moves_no_more_where_a_place_is_drawn(tmp_path, moves):
 
 
 def test_a_table_that_the_base_lacks_is_added(tmp_path):
-    (tmp_path / "bare.toml").write_text("fps = 60\nmaterials.wall.color_texture = 'a.png'\n")
-    more = {"environment": {"radiance": [0.5, 0.5, 0.5]}, "materials": {"floor": {"roughness": 0.5}}}
+    (tmp_path / "bare.toml").write_text(
+        "fps = 60\nmaterials.wall.color_texture = 'a.png'\n[materials.floor]\ncolor = 1\n"
+    )
+    more = {"environment": {"radiance": [0.5, 0.5, 0.5]}, "materials": {"floor": {"roughness": 0.5}}}  # in its place
     (tmp_path / "a.toml").write_text(scene_text({"base": str(tmp_path / "bare.toml"), **more}))
     more["materials"]["wall"] = {"color_texture": str(tmp_path / "a.png")}  # beside the base
     assert read_toml(tmp_path / "a.toml") == {"fps": 60, **more}
@@ -180,7 +182,9 @@ def test_files_lie_beside_the_specification(tmp_path, text):
         ("[scene]\nfps = { unifrm = [1, 2] }", "scene.fps: there is no distribution 'unifrm'; did you mean 'uniform'"),
         ("[run]\nscene = 'x'", "run.scene is no option of sequences"),
         ("[run]\nsppp = 3", "run.sppp"),
-        ("split = { a = 0.5 }", "add up to 1"),
+        ("[run]\nseed = 3", "run.seed is no option of sequences"),
+        ("[run]\noutputs = ['a.csv']", "run.outputs is no option of sequences"),
+        ("split = { a = 0.5, b = 0.49 }", "add up to 1"),
         ("split = { a = 'x' }", "split must have a share"),
         ("[reject]\nflow_p95_px = [0, 1]", "needs run.truth to hold 'flow'"),
         ("[reject]\nmoving_share = [0, 1]", "needs run.truth to hold 'flow'"),
@@ -209,6 +213,13 @@ def test_rules_find_the_truth_that_they_need(tmp_path, truth):
 def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
     """As editors on Windows write it."""
     assert spec_of(tmp_path, "\ufeffcount = 7").count == 7
+
+
+def test_a_count_that_is_given_replaces_the_files(tmp_path):
+    assert spec_of(tmp_path, "count = 7", count=10_000_000).count == 10_000_000
+    for none in (0, 10_000_001):
+        with pytest.raises(InputError, match=f"from 1 to 10000000, got {none}"):
+            spec_of(tmp_path, "count = 7", count=none)
 
 
 def test_a_name_that_is_none():
