@@ -144,13 +144,18 @@ def test_a_spread_of_leaks_is_found_in_periods_of_any_number(periods):
     assert near(found.leak_hz, periods / 10, rel=0.005) and near(found.leak_decades, 0.05, rel=0.01)
 
 
-def test_thresholds_and_rest_are_found_under_a_lamp(flicker):
+def test_thresholds_and_rest_are_found_under_a_lamp(flicker, still):
     found = flicker
     assert found.frequency_hz == pytest.approx(LAMP_HZ, rel=1e-4)
     assert near(found.on, 0.2, rel=0.005) and near(found.off, 0.25, rel=0.005)
     assert near(found.mismatch, 0.03, rel=0.02)
     assert found.rest_us[0] == pytest.approx(300, rel=0.02)
     assert found.silent_share[0] == pytest.approx(0.01, abs=4 * math.sqrt(0.01 / (WIDTH * HEIGHT)))
+    # So many pixels tell, each once of either threshold.
+    asked, silent = np.count_nonzero(~still.hot), found.silent_share[0]
+    errors = found.on[1], found.off[1], 2 * found.mismatch[1]
+    assert errors == pytest.approx((0.03 / math.sqrt((1 - silent) * asked),) * 3, rel=0.05)
+    assert found.silent_share[1] == pytest.approx(math.sqrt(silent * (1 - silent) / asked))
 
 
 def test_a_fit_does_not_hang_on_how_a_recording_is_cut(recorded, flicker, still):
