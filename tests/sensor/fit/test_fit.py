@@ -78,7 +78,8 @@ def test_rates_and_their_spread_are_found(still):
 
 
 def test_hot_pixels_are_found(still):
-    share, _ = still.hot_share
+    share, error = still.hot_share
+    assert error == pytest.approx(math.sqrt(share * (1 - share) / (WIDTH * HEIGHT)))
     assert share == pytest.approx(0.004 * 0.99, abs=4 * math.sqrt(0.004 / (WIDTH * HEIGHT)))
     # Some twenty pixels tell.
     assert abs(still.hot_hz[0] - 80) < 4 * still.hot_hz[1] < 80
