@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from scipy.stats import poisson
+from scipy.stats import norm, poisson
 
 import clsim
 from clsim.cli import main
@@ -48,15 +48,15 @@ def errors_off(found):
     return np.array([abs(n[0] - true) / n[1] for n, true in zip(numbers, TRUE.values(), strict=True)])
 
 
-def test_chances_are_those_of_all_pairs_of_counts():
-    photons, dark, on, off = 3.0, 0.4, 0.3, 0.4
+@pytest.mark.parametrize("photons", [3.0, 20.0])
+def test_chances_are_those_of_all_pairs_of_counts(photons):
+    dark, on, off = 0.4, 0.3, 0.4
     expected = np.zeros(2)
-    spread = np.random.default_rng(1).normal(1.0, 0.1, 20_000)
-    for m in range(25):
-        for n in range(25):
-            chance = poisson.pmf(m, photons) * poisson.pmf(n, photons)
+    spread, chance = norm(1.0, 0.1).ppf((np.arange(1000) + 0.5) / 1000), poisson.pmf(np.arange(60), photons)
+    for m in range(60):
+        for n in range(60):
             step = math.log((n + dark) / (m + dark))
-            expected += chance * np.array([(step >= on * spread).mean(), (-step >= off * spread).mean()])
+            expected += chance[m] * chance[n] * np.array([(step >= on * spread).mean(), (-step >= off * spread).mean()])
     np.testing.assert_allclose(look_probabilities(photons, dark, on, off), expected, rtol=0.01)
 
 
@@ -104,6 +104,22 @@ def test_noise_of_another_kind_tells_no_thresholds():
     rates = [Rates(lux, (1.0 + 0.1 * k, 0.002), (1.0 + 0.3 * k, 0.002)) for k, lux in enumerate(LUX)]
     found = fit_uniform(rates)
     assert found.on is None and found.photons_per_lux is None and found.misfit > 25
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.01, 30.0])
+def test_rates_that_are_off_by_far_or_hardly_known_tell_no_thresholds(factor):
+    rates = [
+        Rates(each.lux, *((hz, error * factor) for hz, error in (each.on_hz, each.off_hz))) for each in recorded(3)
+    ]
+    assert fit_uniform(rates).on is None
+
+
+def test_rates_are_of_the_pixels_that_are_quiet():
+    """The third is hot; of the other two the error is that of their sum, 1, of which there are 4 pixel seconds."""
+    counts = Counts(np.array([[1, 2, 300]]), np.array([[4, 4, 5]]), 2.0)
+    found = rates_of(7.0, counts, np.array([[True, True, False]]))
+    assert found.lux == 7 and found.off_hz == (2.0, 0.25) and found.on_hz == pytest.approx((0.75, 0.25))
 
 
 def test_noise_that_is_alike_in_all_light_tells_nothing_but_leak(tmp_path):
