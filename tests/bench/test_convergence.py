@@ -54,3 +54,6 @@ def test_it_stops_where_a_step_would_cost_more_than_is_left(budget_s, spp, moved
     assert not done.converged and done.options.spp == spp
     assert done.moved == (moved if moved is None else pytest.approx(moved))
     assert done.spent_s <= max(budget_s, 80)
+    assert (
+        found(1520, RISING, FLAT)[0].options.spp == 32
+    )  # 80 and 288 s are spent, and a step costs four times the last

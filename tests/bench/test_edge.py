@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from clsim.bench.edge import KINDS, edge_scene, measure_edge
+from clsim.bench.edge import KINDS, edge_scene, measure_edge, measure_edges
 from clsim.bench.tradeoff.measure import render_each
 from clsim.bench.tradeoff.reference_cache import log_brightness
 from clsim.render import RenderOptions
@@ -67,13 +67,23 @@ def test_events_that_are_late_have_a_bias_along_the_edge_s_way(monkeypatch, late
     scene = edge_scene("geometric", 300.0, *SIZE, 120.0)
     true = scene.edge.events(*SIZE, (scene.frames - 1) / 120.0, scene.world.sensor.threshold_on)
     true["t"] += late_us
+    true["t"][0] += 2000  # one of many, which the median hardly sees
     monkeypatch.setattr("clsim.bench.edge.run_point", lambda *_: SimpleNamespace(events=true[::2], cpu_s=1.0))
     found = measure_edge(scene, "draft", 120.0, "fixed")
     matched = len(true[::2])
     assert found["matched"] == found["events"] == matched and found["true_events"] == len(true)
     assert found["f1"] == pytest.approx(2 * matched / (matched + len(true)))
-    assert found["bias_px"] == pytest.approx(300.0 * late_us * 1e-6)
+    assert found["bias_px"] == pytest.approx(300.0 * (late_us + 2000 / matched) * 1e-6)
+    assert found["cpu_us_per_pixel_second"] == pytest.approx(1e6 / (SIZE[0] * SIZE[1] * scene.frames / 120.0))
     assert found["error_px"] == pytest.approx(300.0 * abs(late_us) * 1e-6)
+
+
+def test_all_qualities_are_measured_on_all_edges(monkeypatch):
+    monkeypatch.setattr("clsim.bench.edge.measure_edge", lambda scene, *_: {"ramp_px": scene.edge.ramp_px})
+    rows = measure_edges((30.0, 300.0), SIZE, 120.0, "fixed", lambda _: None)
+    seen = {(row["kind"], row["ramp_px"], row["speed_px_s"], row["quality"]) for row in rows}
+    kinds = ("geometric", 0.0), ("albedo", 0.0), ("ramp", 4.0)
+    assert seen == {(*k, s, q) for k in kinds for s in (30.0, 300.0) for q in ("draft", "balanced", "accurate")}
 
 
 @pytest.mark.parametrize(("speed_px_s", "fps"), [(300.0, 120.0), (30.0, 240.0)])

@@ -288,6 +288,16 @@ def test_a_sweep_is_of_the_seeds_that_are_asked_for(tmp_path: Path, quick: bool,
     sweep = tradeoff.Sweep(TradeoffOptions("two-boxes", tmp_path, quick=quick, seeds=seeds), ignore)
     assert len(sweep.points) >= 12 and {point.rendering.seed for point in sweep.points} == set(seeds)
     assert (sweep.budget_s > 0) is not quick, "a quick one takes the coarsest reference"
+    camera, spp = sweep.world.camera, sweep.reference_options.spp
+    assert (camera.width, camera.height, spp) == ((64, 48, 1024) if quick else (128, 96, 4096))
+    assert tradeoff.Sweep(options(tmp_path), ignore).budget_s == 0, "as is asked for"
+
+
+def test_points_of_another_machine_are_measured_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = tradeoff.Sweep(options(tmp_path), ignore).store.path
+    assert tradeoff.Sweep(options(tmp_path), ignore).store.path == here
+    monkeypatch.setattr(tradeoff, "_processor", lambda: "a better one")
+    assert tradeoff.Sweep(options(tmp_path), ignore).store.path != here
 
 
 @pytest.mark.parametrize("fps", [None, 20.0])

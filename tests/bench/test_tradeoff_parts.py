@@ -19,6 +19,7 @@ from clsim.bench.tradeoff.point_store import PointStore
 from clsim.bench.tradeoff.reference_cache import log_brightness, reference_key
 from clsim.bench.tradeoff.settings import (
     BASE,
+    ICIP_2023,
     QUICK_POINTS,
     Point,
     Rendering,
@@ -89,7 +90,14 @@ def test_a_reference_has_another_key_when_anything_that_went_in_changes(monkeypa
 
 
 @pytest.mark.parametrize(
-    "name", ["render/view.py", "render/native/search/tree_any.h", "kernels/detect/wlr.cl", "detect/gate.py"]
+    "name",
+    [
+        "render/view.py",
+        "render/native/search/tree_any.h",
+        "kernels/detect/wlr.cl",
+        "kernels/sensor/shot.clh",
+        "detect/gate.py",
+    ],
 )
 def test_the_key_of_code_is_of_all_sources_however_deep(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -126,6 +134,7 @@ def _forget_code() -> None:
         ((1, (2, 3)), (1, 2, (3,))),
         (((1,), 2), ((1, 2),)),
         (1, 1.0),
+        (1.0, 1.0 + 1e-12),
         (np.zeros(2), np.zeros((2, 1))),
         (np.zeros(2, np.float32), np.zeros(2, np.int32)),
         (None, "None"),
@@ -237,11 +246,18 @@ def test_means_fronts_and_knobs() -> None:
 
 
 def test_quick_turns_single_knobs() -> None:
-    rows = [
-        point.as_dict() | {"cpu_s": 1.0, "detect_cpu_s": 1.0, "f1": 0.5, "strict_f1": 0.5} for point in quick_points(0)
-    ]
-    knobs = [knob for knob, _, _ in turned_knobs(summarise(rows))]
-    assert knobs == ["method", "method", "method", "spp", "window"]
+    looking = Point(Rendering(8, "common", 0, first_hit_rays=4), BASE)
+    of_paper = Point(Rendering(8, "common", 0), ICIP_2023)
+    rows = summarise(
+        [
+            point.as_dict() | {"cpu_s": 1.0, "detect_cpu_s": 1.0, "f1": 0.5, "strict_f1": 0.5}
+            for point in (*quick_points(0), looking, of_paper)
+        ]
+    )
+    knobs = [knob for knob, _, _ in turned_knobs(rows)]
+    assert knobs == ["method", "method", "method", "spp", "first_hit_rays", "window"]
+    assert [row["noise"] for row in rows if row["icip_2023"]] == ["independent"], "as the paper's is"
+    assert ICIP_2023.event_rule == "frame" and {row["f1_sd"] for row in rows} == {None}, "one seed has no spread"
 
 
 def test_the_full_sweep_turns_the_sampler() -> None:
