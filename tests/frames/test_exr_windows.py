@@ -110,6 +110,10 @@ def test_colours_of_aces_become_those_of_rec_709(tmp_path: Path) -> None:
     rgb[:, 0, 0] = 0.5
     acescg = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
     layer = {f"ViewLayer.Combined.{name}": each for name, each in zip("RGB", rgb, strict=True)}
+    names = ("R", "G", "B", "Variance.R", "Variance.G", "Variance.B")
+    write(tmp_path / "a.exr", dict(zip(names, (*rgb, *rgb), strict=True)), chromaticities=acescg)
+    found = read(tmp_path / "a.exr")
+    assert np.array_equal([found[name] for name in names[3:]], rgb), "no colours: their sums are not those of light"
     write(tmp_path / "a.exr", layer | {"ViewLayer.Depth.Z": rgb[0]}, chromaticities=acescg)
     found = read(tmp_path / "a.exr")
     # As OpenColorIO's configurations for ACES have it.

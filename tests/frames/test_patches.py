@@ -1,13 +1,14 @@
 """Patches lie in the picture, and what is inside of them is far enough from their edges."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from clsim.frames.patches import Patches
 
 
 @given(st.integers(1, 700), st.integers(1, 500), st.integers(1, 40), st.floats(0.01, 0.5))
+@example(24, 30, 8, 0.1)  # one just fits in
 def test_patches_are_of_the_picture_and_of_about_the_share_that_is_asked_for(width, height, margin, share):
     patches = Patches.over(width, height, margin, share)
     if patches is None:
