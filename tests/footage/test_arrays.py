@@ -10,6 +10,7 @@ import pytest
 import clsim
 from clsim.errors import InputError
 from clsim.events.batch import gather
+from clsim.footage.source import check_size
 
 TIMES_US = [0, 1000, 2000]
 FRAMES = [np.random.default_rng(k).integers(9_000, 65_535, (6, 8), np.uint16) for k in range(3)]
@@ -86,3 +87,10 @@ def test_a_path_is_as_good_as_its_name(tmp_path: Path) -> None:
     for k, frame in enumerate(FRAMES):
         Image.fromarray((frame >> 8).astype(np.uint8)).save(tmp_path / f"{k}.png")
     assert fired(tmp_path) == fired(str(tmp_path)) != b""
+
+
+@pytest.mark.parametrize(("width", "height"), [(8193, 8192), (0, 5)])
+def test_pictures_that_are_empty_or_larger_than_two_to_the_26_are_refused(width: int, height: int) -> None:
+    check_size("a.png", 8192, 8192)
+    with pytest.raises(InputError, match=f"a.png: has {width}×{height} pixels, expected 1 to 67108864 of them"):
+        check_size("a.png", width, height)

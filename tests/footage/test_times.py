@@ -25,8 +25,9 @@ def test_text_is_read_exactly(tmp_path_factory, times_us, unit):
         digits = {"s": 6, "ms": 3, "us": 0, "ns": 0}[unit]
         whole, rest = divmod(number, 1)
         lines.append(f"{whole}" + (f".{int(rest * 10**digits):0{digits}d}" if digits else "") + " frame.png")
-    path.write_text("# time file\n" + "\n".join(lines) + "\n\n")
-    assert read_times_us(path, unit) == sorted(times_us)
+    for between in " ", ",", ";", "\t":
+        path.write_text("# time file\n" + "\n".join(lines).replace(" ", between) + "\n\n")
+        assert read_times_us(path, unit) == sorted(times_us)
 
 
 @given(st.integers(0, 10**9), st.integers(0, 6), st.integers(-3, 6))
