@@ -83,6 +83,7 @@ def test_samples_lead_from_pose_to_pose() -> None:
         place = place + speed / rate + pull / rate**2 / 2
         speed = speed + pull / rate
         turn = turn * Rotation.from_rotvec(spin / rate)
+    np.testing.assert_allclose(camera.velocities[:, 3:], samples.angular_velocity[[0, -1]], atol=1e-9)
     assert np.abs(place - camera.poses[1, :3]).max() < 1e-5
     assert (turn * Rotation.from_quat(camera.poses[1, 3:]).inv()).magnitude() < 1e-5
 

@@ -100,6 +100,8 @@ def test_events_before_a_frame_are_counted_whatever_the_portions_they_are_read_i
     batches = list(found.events())
     assert len(batches) > 3 and np.concatenate(batches).tobytes() == expected.events.tobytes()
     assert [shot.event_index for shot in found.shots()] == [shot.event_index for shot in expected.shots]
+    copied, _ = convert_recording(str(tmp_path / f"run{ending}"), str(tmp_path / "copy.h5"))
+    assert copied == len(expected.events)
 
 
 @pytest.mark.parametrize("ending", FOLDERS)
