@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy import stats
 from clsim.errors import InputError
 from clsim.sensor import SensorSettings, characteristics, load_sensor
 from clsim.sensor.lab import Lab
-from clsim.sensor.pixel_stages import FrontEnd, Leak, Noise, Threshold
+from clsim.sensor.pixel_stages import Defects, FrontEnd, Leak, Noise, Threshold
 from clsim.sensor.settings import Readout
 
 LUX = np.array([0.1, 10.0, 1000.0])
@@ -67,6 +68,23 @@ def test_latency_is_that_of_a_pole_and_thresholds_are_normal():
         # After 10 ms, 6 time constants, 0.2 % of a step is missing.
         expected = stats.norm.cdf(responses.steps * (1 - math.exp(-0.01 / tau_s)), nominal, 0.03)
         assert abs(shares - expected).max() < 4 * math.sqrt(0.25 / characteristics.PIXELS)
+
+
+@pytest.mark.slow  # of kernels of its own
+def test_what_a_curve_is_not_of_is_left_out():
+    """Noise and leak fire before a step does, and defects are of few pixels."""
+    plain = SensorSettings(threshold=Threshold(0.3, 0.2, mismatch=0.03), front_end=FrontEnd(follower_hz=100.0))
+    leaking = replace(plain, leak=Leak(100.0), defects=Defects(hot_share=0.3, dead_share=0.3))
+    noisy, calm = (SensorSettings(noise=Noise(0.0, hz)) for hz in (100.0, 1.0))
+    faulty = replace(leaking, noise=noisy.noise)
+    for found, expected in (
+        (characteristics.step_latencies(each, LUX).on_s for each in (faulty, plain)),
+        (characteristics.thresholds(each, 400)[0] for each in (faulty, plain)),
+        (characteristics.step_responses(each).on for each in (leaking, plain)),
+        (characteristics.noise_rates(each, LUX[:1]).on_hz for each in (replace(calm, defects=leaking.defects), calm)),
+    ):
+        np.testing.assert_array_equal(found, expected)
+    assert characteristics.step_responses(noisy).on[0] == 0, "an OFF event is no answer to a step up"
 
 
 def test_pixels_without_faults_are_ideal():

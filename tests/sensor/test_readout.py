@@ -14,7 +14,7 @@ from clsim.opencl.device import choose_device
 from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor import SensorSettings
 from clsim.sensor.pixel import REQUEST
-from clsim.sensor.readout import Bus
+from clsim.sensor.readout import Bus, Pool
 from clsim.sensor.settings import Readout
 from tests.sensor.benchtop import SPLITS, Benchtop, with_stages
 
@@ -189,6 +189,15 @@ def test_rows_that_all_ask_always_are_read_once_a_round():
     assert len(np.unique(read["t"])) == len(np.unique(read[["t", "y"]]))  # one row a time
     # What a pixel asks while it waits is lost: all but one of the 8.96 a round.
     assert lost / len(asked) == pytest.approx(1 - 1 / 8.96, abs=0.005)
+
+
+def test_a_scan_reads_what_a_pixel_fired_first_and_what_is_due_is_passed_on_at_once():
+    asked = requests_at([100, 200, 300_000], rows=1)
+    asked["x"], asked["on"] = 3, [1, 0, 0]
+    read, lost = bus(scan_us=100.0).run(asked, END_NS)
+    assert read["on"].tolist() == [1, 0] and lost == 1
+    pool = Pool(REQUEST)
+    assert len(pool.pass_on(asked, 200)) == 2 and len(pool.pass_on(asked[:0], 300_000)) == 1
 
 
 def test_a_scan_stamps_its_own_times_and_reads_a_pixel_once():

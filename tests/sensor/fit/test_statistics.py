@@ -108,7 +108,8 @@ def test_distances_are_differences_of_shares_and_decades_of_rates_and_times():
     slow["t"] *= 10
     slow["on"] = True
     apart = distances(statistics(HANDMADE, 10, 5), statistics(slow, 10, 5))
-    assert apart["events_per_s"] == pytest.approx(1) and apart["interval_us"] == pytest.approx((1, 1, 1))
+    assert apart["events_per_s"] == apart["events_per_pixel_s"] == pytest.approx(1)
+    assert apart["interval_us"] == pytest.approx((1, 1, 1))
     assert apart["on_share"] == 0.5 and apart["active_share"] == 0
     assert distances(statistics(HANDMADE), statistics(slow, 10, 5))["active_share"] is None
     twice = statistics(stream((0, 0, 0, True), (0, 0, 0, True), (5, 0, 0, True)))
