@@ -107,6 +107,12 @@ def test_each_pixel_of_a_lab_sees_what_it_is_told(size):
     assert events["on"].all() and (counts == np.floor(levels / 0.2 + 1e-9)).all()
 
 
+def test_a_lab_is_as_bright_as_it_is_told():
+    lab = Lab(SensorSettings(leak=Leak(parasitic_hz_per_lux=0.01)), 64, lux=1000.0)
+    lab.to(0, 0.0)
+    assert len(lab.to(100_000_000, 0.0).events) == pytest.approx(64_000, rel=0.02)
+
+
 def test_readouts_let_as_much_through_as_their_numbers_say():
     def read(asked, **numbers):
         return characteristics.read_rates(SensorSettings(readout=Readout(**numbers)), np.array([asked]))[0]
