@@ -46,6 +46,11 @@ def test_noise_rates_are_those_of_the_settings():
         assert found == pytest.approx(off / math.expm1(2 * off), rel=0.03)
 
 
+def test_a_polarity_whose_rate_is_not_told_has_no_noise():
+    rates = characteristics.noise_rates(SensorSettings(noise=Noise(off_hz=2.0)), LUX[:1])
+    assert rates.on_hz == [0] and rates.off_hz == pytest.approx([2.0], rel=0.02)
+
+
 def test_rates_are_of_the_time_that_is_watched_and_not_of_the_start():
     """A leak alone fires like clockwork, first after 0.67 s: what comes before pixels are at ease is not counted."""
     rates = characteristics.noise_rates(SensorSettings(leak=Leak(1.5)), LUX)
