@@ -158,7 +158,7 @@ def test_slices_by_time_and_count(folder):
     halves = list(Slices(folder, by="time", step=20_000))
     assert len(halves) == 6 and halves[1]["events"]["t"][-1] == 40_000
     counts = list(Slices(folder, by="count", step=120))
-    assert [len(each["events"]) for each in counts] == [120] * 12
+    assert [(len(e["events"]), e["events"]["t"][-1] - e["end_us"]) for e in counts] == [(120, 0)] * 12
 
 
 def test_readers_share_sequences_and_orders_are_repeatable(folder):

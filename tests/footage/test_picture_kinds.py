@@ -16,6 +16,7 @@ import tifffile
 
 from clsim.errors import InputError
 from clsim.footage.images import Pictures
+from clsim.footage.open import open_footage
 from clsim.footage.source import Reading
 from clsim.frames import RADIANCE, Frame, page_aligned
 
@@ -42,6 +43,11 @@ def test_tiff_in_tiles_is_what_it_shows(tmp_path: Path, kind: type, options: dic
     assert (source.transfer, source.steps) == ("srgb", np.iinfo(kind).max)
     planes = np.moveaxis(pixels, 2, 0) if colour else np.stack([pixels] * 3)
     np.testing.assert_allclose(light(tmp_path / "a.tif"), planes / np.float32(np.iinfo(kind).max))
+
+
+def test_a_picture_is_one_in_capitals_too(tmp_path: Path) -> None:
+    PIL.Image.fromarray(COLOUR).save(tmp_path / "A.PNG")
+    assert isinstance(open_footage(str(tmp_path / "A.PNG"), Reading(fps=10.0)), Pictures)
 
 
 def test_tiff_that_holds_jpeg_is_refused_and_not_black(tmp_path: Path) -> None:
