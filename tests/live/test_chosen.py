@@ -1,5 +1,7 @@
 """A run says what was chosen and why, and whether there is light enough."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,9 @@ from clsim.frames import Frame
 from clsim.live.options import LiveOptions
 from clsim.live.sensors import meter_for
 from clsim.live.stages import plan_stages
-from clsim.scene import Sensor
+from clsim.scene import Sensor, load_world
 from clsim.sensor import load_sensor
+from clsim.sensor.settings import SensorSettings, Threshold
 
 
 @pytest.mark.parametrize(
@@ -26,6 +29,16 @@ def test_how_light_is_known_and_when_brightness_is_found(options: dict[str, str]
     quality, about_light, about_times = stages.chosen
     assert quality.startswith(f"`quality` {options.get('quality', 'balanced')}: ")
     assert light in about_light and times in about_times
+
+
+def test_thresholds_are_the_options_else_the_sensors_else_the_scenes() -> None:
+    world = replace(load_world("still"), sensor=Sensor(threshold_on=0.3, threshold_off=0.4))
+    for given, expected in (({}, (0.3, 0.4)), ({"threshold": (0.1, 0.2)}, (0.1, 0.2))):
+        detector = plan_stages(LiveOptions("still", **given), world).detector
+        assert (detector.threshold_on, detector.threshold_off) == expected
+    half = SensorSettings(threshold=Threshold(off=0.5))
+    detector = plan_stages(LiveOptions("still", sensor=half), world).detector
+    assert (detector.threshold_on, detector.threshold_off) == (0.3, 0.5)
 
 
 def test_where_lights_are_set_from_outside_they_are_followed() -> None:

@@ -13,7 +13,7 @@ from clsim.live.noise.duplicate_sampling import ENOUGH, WITHIN_US, DuplicatePixe
 from clsim.score.matching import Sampling, one_to_one
 
 ON, OFF = 0.2, 0.3
-CONFIG = DetectorConfig(threshold_on=ON, threshold_off=OFF, scale=2.0, floor=1e-3)
+CONFIG = DetectorConfig(threshold_on=ON, threshold_off=OFF, scale=2.0, floor=0.5)
 STEP_US = 8_333
 PIXELS = 40
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from clsim.scene import Camera, Instance, Static, World, load_world
 from clsim.scene.modulation import Pwm, Sine
 from clsim.scene.motion import Keyframes
 from clsim.scene.shapes import box
-from clsim.scene.world import SphereLight
+from clsim.scene.world import ImageTexture, Lens, Material, SphereLight
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -59,6 +60,8 @@ def test_speeds_are_those_of_the_pinhole():
     """3 m/s are 75 pixels a second; a corner √2 m from the axis goes round 5 times a second."""
     along = Keyframes((0.0, 1.0), ((-1.5, 0.0, 0.0), (1.5, 0.0, 0.0)), (UPRIGHT, UPRIGHT))
     assert fastest_px_s(world(along)) == pytest.approx(75.0, rel=1e-4)
+    flat = replace(world(along).camera, lens=Lens(model="orthographic", view_width_m=4.0))
+    assert fastest_px_s(replace(world(along), camera=flat)) == pytest.approx(75.0, rel=1e-4), "of pixels of 4 cm too"
     assert fastest_px_s(world(Spin(5.0))) == pytest.approx(10 * math.pi * math.sqrt(2) * 25, rel=1e-3)
     behind = Keyframes((0.0, 1.0), ((-1.5, 0.0, 9.0), (1.5, 0.0, 9.0)), (UPRIGHT, UPRIGHT))
     aside = Keyframes((0.0, 1.0), ((20.0, 0.0, 0.0), (30.0, 0.0, 0.0)), (UPRIGHT, UPRIGHT))
@@ -81,6 +84,15 @@ def test_a_camera_is_as_fast_as_most_of_what_it_sees():
     out_of_sight = replace(still, instances=(*still.instances, *[Instance(0, Static(aside))] * 9))
     out_of_sight = replace(out_of_sight, camera=replace(still.camera, motion=along))
     assert camera_px_s(out_of_sight) == pytest.approx(75.0, rel=1e-3), "what is beside the picture tells nothing"
+    turned = np.array([(0.0, 0, 1, 0), (0, 1, 0, 0), (-1, 0, 0, 0), (0, 0, 0, 1)])  # +x leads away from the camera
+    post = box((1e-6, 1.0, 1.0), 0)
+    away = replace(
+        still,
+        meshes=(replace(post, vertices=post.vertices + np.float32((6.0, 0.0, 0.0))),),
+        instances=(Instance(0, Static(turned)),),
+        camera=replace(still.camera, motion=along),
+    )
+    assert camera_px_s(away) == pytest.approx(30.0, rel=1e-3), "10 m away"
     rolls = replace(still.camera, motion=Roll(5.0))
     assert camera_px_s(replace(still, camera=rolls)) == pytest.approx(10 * math.pi * math.sqrt(2) * 25, rel=1e-3)
     assert camera_px_s(still) == camera_px_s(world(Spin(5.0))) == 0.0
@@ -103,6 +115,9 @@ def test_changing_light_gets_the_frames_that_it_asks_for():
     assert base_fps(replace(flickers, fps=24.0)) == 120.0
     assert base_fps(replace(flickers, environment_modulation=Pwm(1000.0))) == 1920.0
     assert base_fps(replace(flickers, environment_modulation=Sine(1.0, 0.0))) == 30.0
+    film = ImageTexture(np.zeros((1, 1, 4), np.uint8), film=SimpleNamespace(least_fps=200.0))
+    shows = replace(flickers, environment_modulation=None, textures=(film,), materials=(Material(emission_texture=0),))
+    assert base_fps(shows) == 240.0
     slow, fast = (SphereLight(0.1, (1.0, 1.0, 1.0), Static(np.eye(4)), modulation=Sine(hz)) for hz in (2.0, 40.0))
     for lamps in ((slow, fast), (fast, slow)):
         assert base_fps(replace(flickers, sphere_lights=lamps)) == 480.0, "the fastest of all tells, 400 are asked for"

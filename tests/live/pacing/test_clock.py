@@ -21,6 +21,7 @@ def test_the_clock_tells_how_late_a_frame_is_begun() -> None:
     now_s[0] += 0.30
     assert clock.wait_for(6, stopping) == 6
     assert (clock.lag_s, clock.late_frames) == (pytest.approx(0.25), 1)
+    assert clock.wait_for(7, stopping) == 7 and clock.late_frames == 2
 
 
 def test_a_clock_that_may_skip_shows_what_is_due_and_never_beyond_the_end() -> None:

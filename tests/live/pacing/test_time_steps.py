@@ -44,6 +44,7 @@ def gathered(**options):
         ({"time": "adaptive", "time_tolerance_us": 0.5}, "from 1 to 1e"),
         ({"time": "sometimes"}, "`time` must be one of auto, fixed, adaptive and lambda=PIXELS"),
         ({"time": "lambda=0"}, r"with 0\.001 to 1000 pixels, got lambda=0"),
+        ({"time": "lambda=1e4"}, "got lambda=1e4"),
         ({"time": "lambda=half"}, "got lambda=half"),
         ({"time": "lambda=0.5", "time_tolerance_us": 20.0}, "is for `time` adaptive, but time is lambda=0.5"),
         ({"time": "lambda=0.5", "method": "esim-ad"}, "`time` lambda=0.5 needs `method` esim or irradiance"),

@@ -133,6 +133,7 @@ def test_no_asset_mentions_another_machine() -> None:
 def test_other_sites_and_names_are_refused(sink: ViewSink) -> None:
     port = sink.url.rstrip("/").rpartition(":")[2]
     assert get(sink.url, Origin="http://evil.example")[0] == 403
+    assert get(sink.url, Origin=f"http://127.0.0.1:{int(port) - 1}")[0] == 403, "what another program serves here"
     assert get(sink.url, Host=f"evil.example:{port}")[0] == 403
     assert get(sink.url, Origin=sink.url.rstrip("/"))[0] == 200
     assert get(f"http://localhost:{port}/")[0] == 200

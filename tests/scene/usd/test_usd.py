@@ -228,12 +228,16 @@ def test_a_file_that_cannot_be_used_is_told_in_one_sentence(tmp_path, text, said
             "4 corners",
         ),
         (
+            "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 0, 0, 0]\n point3f[] points = [(0,0,0)]",
+            "3 corners",
+        ),
+        (
             "int[] faceVertexCounts = [-3]\n int[] faceVertexIndices = [0, 1, 2]\n point3f[] points = [(0,0,0)]",
             "corners",
         ),
         (
-            "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 1, 7]\n point3f[] points = [(0,0,0)]",
-            "point 7",
+            "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 0, 1]\n point3f[] points = [(0,0,0)]",
+            "names point 1",
         ),
         (
             "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 0, 0]\n point3f[] points = [(0,0,inf)]",

@@ -187,7 +187,9 @@ def test_a_material_of_its_own_hides_the_colours_of_a_mesh(tmp_path):
     extra = COLORS.format("displayColor")
     world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, output="surface", extra=extra)
     assert made.color == (0.5, 0.5, 0.5) and world.meshes[0].colors is None
-    assert load_world(usda(tmp_path, mesh(extra), name="bare.usda")).meshes[0].colors[0].tolist() == [1, 0, 0]
+    bare = load_world(usda(tmp_path, mesh(extra.replace("(1, 0, 0)", "(3, 0, 0)")), name="bare.usda"))
+    assert bare.meshes[0].colors[0].tolist() == [1, 0, 0], "no surface reflects more than all"
+    assert bare.materials[bare.meshes[0].material_ids[0]].color == (1, 1, 1)
 
 
 STANDARD, OPEN_PBR, GLTF = (f"ND_{name}_surfaceshader" for name in ("standard_surface", "open_pbr_surface", "gltf_pbr"))

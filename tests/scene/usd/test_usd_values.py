@@ -41,6 +41,23 @@ def test_normals_of_what_shall_be_subdivided_do_not_count(tmp_path, scheme, told
     assert any("subdivided" in warning for warning in world.warnings) is not told
 
 
+def test_what_shall_be_subdivided_is_smooth_at_all_times_though_coordinates_split_its_corners(tmp_path):
+    """A sheet that is folded into a roof: at its ridge the normal is the mean of both sides', else a side's."""
+    shape = """
+    int[] faceVertexCounts = [4, 4]
+    int[] faceVertexIndices = [0, 1, 4, 5, 1, 2, 3, 4]
+    point3f[] points.timeSamples = { 10: [(-1,0,0), (0,0,0), (1,0,0), (1,1,0), (0,1,0), (-1,1,0)],
+        34: [(-1,0,-1), (0,0,0), (1,0,-1), (1,1,-1), (0,1,0), (-1,1,-1)] }
+    texCoord2f[] primvars:st = [(0,0), (1,0), (1,1), (0,1), (0,0), (1,0), (1,1), (0,1)] (interpolation = "faceVarying")
+    """
+    world = world_of(tmp_path, mesh(shape=shape), TIMED)
+    (found,) = world.meshes
+    np.testing.assert_allclose(found.normals, [(0, 0, 1)] * len(found.normals), atol=1e-6)
+    vertices, normals = found.deformation.vertices_at(1.0)
+    np.testing.assert_allclose(normals[:, 0], vertices[:, 0] * math.sqrt(0.5), atol=1e-6)
+    assert (normals[:, 2] > 0.7).all()
+
+
 @pytest.mark.parametrize("name", ["normals", "primvars:normals"])
 @pytest.mark.parametrize("interpolation", ["vertex", "faceVarying"])
 def test_normals_that_move_with_the_points_are_those_of_the_time(tmp_path, name, interpolation):
@@ -52,8 +69,11 @@ def test_normals_that_move_with_the_points_are_those_of_the_time(tmp_path, name,
         "10: [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], 34: [(-1, 1, 1), (1, 0, 1), (1, 0, -1), (-1, 1, -1)]"
     )
     told = f'normal3f[] {name} (interpolation = "{interpolation}")\nnormal3f[] {name}.timeSamples = {{ {samples} }}\n'
+    if name == "primvars:normals":  # which count before those without the word
+        told += "normal3f[] normals = [(1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 0, 0)]\n"
     moving = mesh(f"{told}point3f[] points.timeSamples = {{ {points} }}")
     (found,) = world_of(tmp_path, moving, TIMED).meshes
+    np.testing.assert_allclose(found.normals, [away[0]] * len(found.normals))
     for time_s, expected in ((0.0, away[0]), (0.5, (0.3, 0.9, 0)), (1.0, away[1])):
         _, normals = found.deformation.vertices_at(time_s)
         np.testing.assert_allclose(normals, [np.divide(expected, np.linalg.norm(expected))] * len(normals), atol=1e-6)
@@ -90,17 +110,20 @@ def test_a_file_that_was_changed_is_read_again(tmp_path):
         load_world(tmp_path / "alone.usda")
 
 
+@pytest.mark.parametrize("indexed", [False, True])
 @pytest.mark.parametrize("interpolation", ["constant", "uniform", "vertex", "faceVarying"])
-def test_primvars_reach_the_corners_that_usd_gives_them(tmp_path, interpolation):
+def test_primvars_reach_the_corners_that_usd_gives_them(tmp_path, interpolation, indexed):
     """Of two faces; usd-core spreads values of all interpolations but these, which its documentation defines."""
     count = {"constant": 1, "uniform": 2, "vertex": 6, "faceVarying": 7}[interpolation]
     values = [(k / 10, 1 - k / 10) for k in range(count)]
+    indices = f"int[] primvars:st:indices = {list(range(count))[::-1]}" if indexed else ""
     shape = f"""
     int[] faceVertexCounts = [4, 3]
     int[] faceVertexIndices = [0, 1, 2, 3, 1, 4, 5]
     point3f[] points = [(0,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0), (2,1,0)]
     uniform token subdivisionScheme = "none"
-    texCoord2f[] primvars:st = {values} (interpolation = "{interpolation}")
+    texCoord2f[] primvars:st = {values[::-1] if indexed else values} (interpolation = "{interpolation}")
+    {indices}
     """
     found = world_of(tmp_path, mesh(shape=shape)).meshes[0]
     corners = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 4), (1, 5)]  # face and point
@@ -130,8 +153,10 @@ def test_bodies_reach_as_far_as_usd_says(tmp_path, kind, sizes, axis):
     """By usd-core's own extents, along each axis; a cone's tip is at the positive end."""
     told = "\n".join(f"double {name} = {value}" for name, value in sizes.items())
     told += "" if kind in ("Cube", "Sphere") else f'\nuniform token axis = "{axis}"'
-    path = usda(tmp_path, f'def {kind} "body" {{ {told} }}\n' + CAMERA)
-    found = load_world(path).meshes[0]
+    path = usda(tmp_path, f'def {kind} "body" {{ {told}\ncolor3f[] primvars:displayColor = [(1, 2, 0)] }}\n' + CAMERA)
+    world = load_world(path)
+    found = world.meshes[0]
+    assert world.materials[found.material_ids[0]].color == (1, 1, 0), "and it has its own colour"
     stage = Usd.Stage.Open(str(path))
     body = UsdGeom.Boundable(stage.GetPrimAtPath("/body"))
     extent = np.array(UsdGeom.Boundable.ComputeExtentFromPlugins(body, Usd.TimeCode.Default()))
