@@ -46,6 +46,11 @@ def test_usd(tmp_path):
         uniform token[] xformOpOrder = ["xformOp:translate"] }"""
     world = load_world(usda(tmp_path, mesh() + eye, METRES.replace("= 1", "= 0.01")))
     assert seen_m(world) == pytest.approx((0.3, 0.15), rel=2e-3)
+    turned = "float xformOp:rotateZ = 90\n float3 xformOp:scale = (2, 3, 1)\n double3"
+    order = '["xformOp:translate", "xformOp:rotateZ", "xformOp:scale"]'
+    eye = eye.replace("double3", turned).replace('["xformOp:translate"]', order)
+    world = load_world(usda(tmp_path, mesh() + eye, METRES, "scaled.usda"))
+    assert seen_m(world) == pytest.approx((60, 45), rel=2e-3), "its own space may be scaled"
 
 
 def test_mitsuba(tmp_path):

@@ -8,6 +8,7 @@ from pxr import Usd, UsdGeom, UsdUtils
 
 from clsim.errors import InputError
 from clsim.scene import load_world
+from clsim.scene.defaults.framing import ENVIRONMENT, ORBIT_S
 from tests.scene.usd.usd_files import (
     CAMERA,
     CENTIMETRES_Z_UP,
@@ -77,6 +78,17 @@ def test_what_shears_in_time_is_a_deformation(tmp_path):
     for code in (10, 22, 34):
         expected = points_of_usd(path, "/arm/hand/square", code)
         assert np.abs(points_at(world, world.instances[0], (code - 10) / 24) - expected).max() < 1e-5
+
+
+def test_what_shears_between_its_samples_alone_is_a_deformation(tmp_path):
+    """It turns by half within what is stretched: at both ends it is as wide as it was."""
+    turning = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 180 }")
+    wide = f'def Xform "wide" {{ {placed("float3 xformOp:scale = (2, 1, 1)")}{mesh(turning)} }}\n'
+    path = usda(tmp_path, wide + CAMERA, TIMED)
+    world = load_world(path)
+    for code in (10, 19, 22, 34):
+        expected = points_of_usd(path, "/wide/square", code)
+        assert np.abs(points_at(world, world.instances[0], (code - 10) / 24) - expected).max() < 5e-3
 
 
 def test_units_are_metres_and_y_is_up(tmp_path):
@@ -184,6 +196,16 @@ def test_a_usd_as_part_of_a_toml_and_as_a_path(tmp_path):
     (instance,), (bulb,) = world.instances, world.sphere_lights
     assert points_at(world, instance, 0.0).mean(axis=0) == pytest.approx((3, 1, 0))
     assert (instance.name, bulb.name, bulb.radius_m) == ("it/square", "it/bulb", pytest.approx(0.03))
+
+
+def test_a_path_of_a_usd_is_followed_once(tmp_path):
+    eye = placed("double3 xformOp:translate.timeSamples = { 10: (0, 0, 0), 34: (3, 2, 1) }")
+    usda(tmp_path, f'def Camera "eye" {{ {eye} }}', TIMED, "path.usda")
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[camera]\ntrajectory = "path.usda"\n[[objects]]\nshape = "box"\n')
+    motion = load_world(scene).camera.motion
+    for time_s, share in ((0.5, 0.5), (1.0, 1.0), (1.25, 1.0)):
+        assert motion.pose(time_s)[:3, 3] == pytest.approx((3 * share, 2 * share, share))
 
 
 def test_a_missing_library_is_told_with_what_to_install(tmp_path, monkeypatch):
@@ -299,10 +321,10 @@ def test_metres_may_be_float_for_double():
 
 def test_what_is_missing_or_hidden_is_not_there(tmp_path):
     text = mesh() + mesh('uniform token purpose = "guide"', "guide") + mesh('token visibility = "invisible"', "gone")
-    text += mesh('uniform token purpose = "proxy"', "coarse")
+    text += mesh('uniform token purpose = "proxy"', "coarse") + mesh('uniform token purpose = "render"', "fine")
     text += f'def Xform "group" {{ token visibility = "invisible"\n{mesh()} }}\n'
     world = load_world(usda(tmp_path, text + 'def "lost" (references = @nowhere.usda@) {}'))
-    assert [instance.name for instance in world.instances] == ["square"]
+    assert [instance.name for instance in world.instances] == ["square", "fine"]
     assert any("nowhere.usda" in warning for warning in world.warnings)
 
 
@@ -361,5 +383,7 @@ def test_the_motion_of_an_asset_starts_over_however_short_it_is(tmp_path, end):
     timed = f"{METRES}\n    startTimeCode = 10\n    endTimeCode = {end}\n    timeCodesPerSecond = 24"
     world = load_world(usda(tmp_path, text, timed))
     lasts_s = (end - 10) / 24
+    assert world.duration_s == world.camera.motion.duration_s == ORBIT_S, "so often that the camera goes round once"
+    assert world.environment == ENVIRONMENT and len(world.sphere_lights) == 1, "without lights of its own it has some"
     for time_s in (0.25 * lasts_s, 1.25 * lasts_s, 7.25 * lasts_s):
         np.testing.assert_allclose(world.instances[0].motion.pose(time_s)[:3, 3], (0.75, 0.5, 0.25), atol=1e-6)

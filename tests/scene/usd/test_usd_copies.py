@@ -71,6 +71,7 @@ def test_copies_within_copies(tmp_path):
         point3f[] positions = [(-4, 0, 0), (0, 0, 0), (4, 0, 0)]
         int[] protoIndices = [0, 0, 0]
         rel prototypes = </outer/PLACE/box>
+        PUT
         def Cube "box" { double size = 1 } }"""
     outer = """def PointInstancer "outer" {
         point3f[] positions = [(0, 0, 0), (0, 10, 0)]
@@ -78,12 +79,14 @@ def test_copies_within_copies(tmp_path):
         rel prototypes = </outer/TARGET>
         BODY }"""
     for target, place in (("row", "row/inner"), ("inner", "inner")):
-        part = inner.replace("PLACE", place)
+        put = "" if target == "inner" else placed("float xformOp:rotateY = 90")  # of its own, before the copies' places
+        part = inner.replace("PLACE", place).replace("PUT", put)
         body = part if target == "inner" else f'def Xform "row" {{ {part} }}'
         text = outer.replace("TARGET", target).replace("BODY", body)
         world = load_world(usda(tmp_path, text, METRES, f"{target}.usda"))
-        found = sorted(tuple(each.motion.pose(0.0)[:3, 3].tolist()) for each in world.instances)
-        assert found == [(x, y, 0.0) for x in (-4.0, 0.0, 4.0) for y in (0.0, 10.0)]
+        found = sorted(tuple(each.motion.pose(0.0)[:3, 3].round(6).tolist()) for each in world.instances)
+        places = [(x, y, 0.0) if target == "inner" else (0.0, y, x) for x in (-4.0, 0.0, 4.0) for y in (0.0, 10.0)]
+        assert found == sorted(places)
         assert not world.warnings
 
 

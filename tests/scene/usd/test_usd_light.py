@@ -8,7 +8,7 @@ import pytest
 from pxr import UsdLux
 
 from clsim.scene import load_world
-from tests.scene.usd.usd_files import METRES, SECONDS, mesh, usda
+from tests.scene.usd.usd_files import METRES, SECONDS, mesh, placed, usda
 
 SURFACE = """
 def Material "paint"
@@ -245,6 +245,12 @@ def test_light_changes_with_its_samples(tmp_path):
     for time_s, intensity in ((0.0, 2), (0.25, 5), (0.5, 8), (0.75, 4)):
         assert lamp.radiance[0] * lamp.modulation.mean(time_s, time_s)[0] == pytest.approx(intensity)
     assert world.duration_s == 1.0
+    two_s = f"{METRES}\n    {SECONDS}".replace("34", "58")
+    changing = "{ float inputs:intensity.timeSamples = { 10: 2, 58: 8 } }\ndef Camera"
+    sun = lamps(tmp_path, f'def DistantLight "sun" {changing} "c" {{}}', two_s)
+    sky = lamps(tmp_path, f'def DomeLight "sky" {changing} "c" {{}}', two_s)
+    assert sky.environment[0] * sky.environment_modulation.mean(1.0, 1.0)[0] == pytest.approx(5)
+    assert sun.duration_s == sky.duration_s == 2.0
     # Without a camera all goes on anew.
     (lamp,) = lamps(tmp_path, text.partition("\n")[0], f"{METRES}\n    {SECONDS}").sphere_lights
     assert lamp.radiance[0] * lamp.modulation.mean(1.25, 1.25)[0] == pytest.approx(5)
@@ -260,6 +266,11 @@ def test_the_dome_shows_each_direction_what_usd_says(tmp_path):
     turned = lamps(tmp_path, dome % "_1", METRES.replace('"Y"', '"Z"')).environment_map.to_world
     # The stage's +z, our +y, is the pole; the picture's middle lies towards its −y, our +z.
     assert turned == pytest.approx(np.eye(3), abs=1e-12)
+    tilted = lamps(tmp_path, (dome % "_1").replace(" }", '\nuniform token poleAxis = "Z" }')).environment_map.to_world
+    assert tilted @ (0, 1, 0) == pytest.approx((0, 0, 1), abs=1e-12), "whatever the stage's own axis is"
+    spin = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 90 }")
+    spun = lamps(tmp_path, (dome % "").replace(" }", f"\n{spin} }}"), f"{METRES}\n    {SECONDS}")
+    assert any("the dome sky does not turn" in warning for warning in spun.warnings)
 
 
 def test_what_is_lacking_is_told_once(tmp_path):

@@ -167,7 +167,7 @@ def test_bodies_reach_as_far_as_usd_says(tmp_path, kind, sizes, axis):
         assert np.delete(found.vertices[found.vertices[:, tip] > 1.49], tip, axis=1) == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("exposure", "intensity"), [(0, 1.0), (3, 0.5), (-2, 8.0)])
+@pytest.mark.parametrize(("exposure", "intensity"), [(0, 1.0), (3, 0.5), (-2, 8.0), (20, 1e-5)])
 def test_exposure_counts_in_stops(tmp_path, exposure, intensity):
     """UsdLux: intensity · 2^exposure · colour."""
     told = (
@@ -195,6 +195,7 @@ def test_a_distant_light_fills_its_angle(tmp_path, degrees):
     place = lamp.motion.pose(0.0)[:3, 3]
     assert math.degrees(math.asin(lamp.radius_m / np.linalg.norm(place))) == pytest.approx(degrees / 2, rel=1e-3)
     assert place / np.linalg.norm(place) == pytest.approx((0, 0, 1), abs=1e-6), "it shines along −z"
+    assert np.linalg.norm(place) > 1e3, "from so far that its direction is the same all over the square"
 
 
 GRAPH = """
@@ -263,6 +264,14 @@ def test_light_of_which_two_things_change_is_their_product(tmp_path):
     for time_s in (0.0, 0.25, 0.5, 1.0):
         seen = np.multiply(bulb.radiance, bulb.modulation.mean(time_s, time_s))
         np.testing.assert_allclose(seen, 4 * time_s * np.array((time_s, 1, 1 - time_s)), atol=0.02)
+
+
+def test_a_lamp_that_is_scaled_has_the_area_of_its_scaled_sphere(tmp_path):
+    told = "float inputs:radius = 0.5\nfloat inputs:intensity = 6\nbool inputs:normalize = 1\n"
+    lamp = f'def SphereLight "bulb" {{ {told}{placed("float3 xformOp:scale = (3, 3, 3)")} }}'
+    (bulb,) = world_of(tmp_path, mesh() + lamp).sphere_lights
+    assert bulb.radius_m == pytest.approx(1.5)
+    assert bulb.radiance == pytest.approx((6 / (4 * math.pi * 1.5**2),) * 3)
 
 
 def test_a_sphere_without_a_size_has_the_same_intensity_in_every_unit(tmp_path):
