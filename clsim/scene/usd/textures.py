@@ -200,7 +200,9 @@ class TextureReader:
             fallback = self._value(shader, "default" if str(shader.GetIdAttr().Get()).startswith("ND_") else "fallback")
             if isinstance(fallback, float):
                 return Told(fallback)
-            return Told(None if fallback is None else tuple(fallback)[:3] if output in ("rgb", "out") else fallback[0])
+            if fallback is None:
+                return Told(None)
+            return Told(tuple(fallback)[:3] if output in ("rgb", "out") else tuple(fallback)[_CHANNELS.get(output, 0)])
         _, matrix = self._reader(shader)
         kind = str(shader.GetIdAttr().Get())
         space = str(self._value(shader, "sourceColorSpace") or "auto")

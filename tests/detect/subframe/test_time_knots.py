@@ -99,12 +99,19 @@ def test_a_straight_line_is_asked_once_and_a_flat_one_never():
     assert asked == 1
 
 
-def test_what_rises_and_falls_again_is_found_once_its_bend_is_known():
-    """A bump whose top alone passes the threshold, asked at its flank first."""
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_rises_and_falls_again_is_found_once_its_bend_is_known(sign):
+    """A bump whose top alone passes the threshold, asked at its flank first; and a dip."""
     knots = whole_step([(0.0, 0.0)])
-    knots.insert(np.array([1]), np.array([STEP // 4]), np.array([0.17]))
+    knots.insert(np.array([1]), np.array([STEP // 4]), np.array([sign * 0.17]))
     pieces, times = vague(knots, np.zeros(1), 0.2, 0.2, 100.0, 1)
     assert pieces.tolist() == [2] and STEP // 4 < times[0] < STEP
+
+
+def test_light_that_is_a_line_is_twice_as_bright_halfway_to_three_times():
+    """Its logarithm then rises by light's own slope, 2 a step, over 2."""
+    share, rise = whole_step([(0.0, np.log(3))], linear_light=True).crossed(np.array([1]), np.log([2.0]))
+    assert (share[0], rise[0]) == (pytest.approx(0.5), pytest.approx(1.0))
 
 
 def test_bends_between_known_levels_are_guessed_from_both_sides():

@@ -65,6 +65,17 @@ def test_copies_stand_where_usd_puts_them(tmp_path):
             assert np.allclose(points_at(world, instance, (code - 10) / 24), expected, atol=2e-3)
 
 
+def test_copies_that_only_grow_are_as_large_as_they_are_then(tmp_path):
+    text = f"""def PointInstancer "one" {{ point3f[] positions = [(1, 0, 0)]
+        int[] protoIndices = [0]
+        float3[] scales.timeSamples = {{ 10: [(1, 1, 1)], 34: [(3, 3, 3)] }}
+        rel prototypes = </one/square>
+        {mesh()} }}\n"""
+    world = load_world(usda(tmp_path, text + CAMERA, TIMED))
+    for time_s, width in ((0.0, 2.0), (0.5, 4.0), (1.0, 6.0)):
+        assert np.ptp(points_at(world, world.instances[0], time_s)[:, 0]) == pytest.approx(width)
+
+
 def test_copies_within_copies(tmp_path):
     """Two rows of three boxes 4 apart, 10 above each other; an instancer may itself be what is copied."""
     inner = """def PointInstancer "inner" {

@@ -150,6 +150,12 @@ def test_a_picture_for_a_number_counts_by_its_mean(tmp_path):
     assert any("the mean of clearcoat textures" in text for text in world.warnings)
 
 
+def test_nothing_is_thinner_than_air(tmp_path):
+    for told, ior in ((0.0, 1.0), (1.7, 1.7)):
+        _, made = materials_of(tmp_path, "UsdPreviewSurface", [f"float inputs:ior = {told}"], output="surface")
+        assert made.ior == pytest.approx(ior)
+
+
 def test_mtlx_files_are_told_once(tmp_path):
     (tmp_path / "a.mtlx").write_text("<materialx/>")
     parts = "".join(f'def Material "M{k}" (references = @a.mtlx@</MaterialX>) {{}}\n' for k in range(3))

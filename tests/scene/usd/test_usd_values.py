@@ -230,9 +230,11 @@ BOUND = (
 )
 
 
-def painted(tmp_path, inputs=""):
-    PIL.Image.fromarray(np.zeros((2, 2, 4), np.uint8)).save(tmp_path / "picture.png")
-    text = GRAPH % inputs + mesh(BOUND).replace('"square"', '"square" (prepend apiSchemas = ["MaterialBindingAPI"])')
+def painted(tmp_path, inputs="", told="", alpha=0, file="picture.png"):
+    pixels = np.zeros((2, 2, 4), np.uint8)
+    pixels[..., 3] = alpha
+    PIL.Image.fromarray(pixels).save(tmp_path / "picture.png")
+    text = GRAPH.replace("asset inputs:file = @picture.png@", f"{told}asset inputs:file = @{file}@") % inputs + mesh(BOUND).replace('"square"', '"square" (prepend apiSchemas = ["MaterialBindingAPI"])')
     world = world_of(tmp_path, text)
     return world, world.materials[int(world.meshes[0].material_ids[0])]
 
@@ -254,6 +256,19 @@ def test_opacity_is_blended_unless_there_is_a_threshold(tmp_path, threshold, mod
     _, material = painted(tmp_path, f"{connected}\n        float inputs:opacityThreshold = {threshold}")
     assert material.alpha_mode == mode and material.alpha_cutoff == pytest.approx(threshold)
     assert material.opacity_texture >= 0
+
+
+def test_opacity_has_no_curve_and_is_scaled_before_it_is_shifted(tmp_path):
+    told = "float4 inputs:scale = (1, 1, 1, 0.5)\n float4 inputs:bias = (0, 0, 0, 0.25)\n"
+    world, material = painted(tmp_path, "float inputs:opacity.connect = </paint/picture.outputs:a>", told, 128)
+    assert (world.textures[material.opacity_texture].pixels[..., 3] == 128).all()
+
+
+def test_where_a_picture_is_missing_each_channel_is_that_of_the_fallback(tmp_path):
+    told, inputs = "float4 inputs:fallback = (.1, .2, .3, .4)\n", "float inputs:opacity.connect"
+    world, material = painted(tmp_path, f"{inputs} = </paint/picture.outputs:a>", told, file="nowhere.png")
+    assert (*material.color, material.opacity) == pytest.approx((0.1, 0.2, 0.3, 0.4))
+    assert any("nowhere.png" in warning for warning in world.warnings)
 
 
 def test_light_of_which_two_things_change_is_their_product(tmp_path):
