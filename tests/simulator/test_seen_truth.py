@@ -13,8 +13,8 @@ from tests.simulator.stage import scene, simulator
 @pytest.mark.slow
 def test_backward_flow_leads_to_the_frame_before_however_near_that_is(tmp_path: Path) -> None:
     """The box goes sideways at 4 m/s, and the caller's frames are nearer to each other than `fps` asks for."""
-    with simulator(tmp_path, truth=("depth", "backward-flow"), fps=50.0, clock="caller") as run:
-        run.set_pose("box", ((0.08, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), 20_000)
+    with simulator(tmp_path, truth=("depth", "flow", "backward-flow"), fps=50.0, clock="caller") as run:
+        run.set_pose("box", ((0.16, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), 40_000)
         run.step(0)
         for until_us, way_m in ((5_000, 0.02), (12_000, 0.028)):
             run.step(until_us)
@@ -23,6 +23,8 @@ def test_backward_flow_leads_to_the_frame_before_however_near_that_is(tmp_path: 
             assert front.sum() > 20
             expected = -16 / np.tan(np.radians(25)) * way_m / 2.6
             np.testing.assert_allclose(known["backward-flow"][front][:, 0], expected, atol=1e-4)
+            ahead = 16 / np.tan(np.radians(25)) * 0.08 / 2.6  # and flow to a frame's time later
+            np.testing.assert_allclose(known["flow"][front][:, 0], ahead, atol=1e-4)
 
 
 def test_truth_stays_what_it_was_when_a_step_follows(tmp_path: Path) -> None:

@@ -90,6 +90,11 @@ def test_unlit_surfaces_show_their_color_whatever_the_light(tmp_path):
     tree["meshes"][0]["primitives"][0]["material"] = 0
     material = load_gltf(write_gltf(tmp_path, tree)).materials[0]
     assert (material.emission, material.color, material.specular_color) == ((1, 0.5, 0), (0, 0, 0), (0, 0, 0))
+    tree |= {"textures": [{"source": 0}], "images": [{"uri": image_uri(np.full((1, 1, 4), 9))}]}
+    tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
+    world = load_gltf(write_gltf(tmp_path, tree))
+    shown = world.textures[world.materials[0].emission_texture]
+    assert (world.materials[0].emission_texture, shown.pixels[0, 0, 0], shown.srgb) == (0, 9, True)
 
 
 @pytest.mark.parametrize(("metallic", "kind"), [(0.0, "dielectric"), (0.25, "disney")])

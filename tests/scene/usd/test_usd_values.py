@@ -234,7 +234,8 @@ def painted(tmp_path, inputs="", told="", alpha=0, file="picture.png"):
     pixels = np.zeros((2, 2, 4), np.uint8)
     pixels[..., 3] = alpha
     PIL.Image.fromarray(pixels).save(tmp_path / "picture.png")
-    text = GRAPH.replace("asset inputs:file = @picture.png@", f"{told}asset inputs:file = @{file}@") % inputs + mesh(BOUND).replace('"square"', '"square" (prepend apiSchemas = ["MaterialBindingAPI"])')
+    graph = GRAPH.replace("asset inputs:file = @picture.png@", f"{told}asset inputs:file = @{file}@") % inputs
+    text = graph + mesh(BOUND).replace('"square"', '"square" (prepend apiSchemas = ["MaterialBindingAPI"])')
     world = world_of(tmp_path, text)
     return world, world.materials[int(world.meshes[0].material_ids[0])]
 
