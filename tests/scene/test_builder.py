@@ -40,11 +40,15 @@ def test_meshes_of_trimesh_bring_their_surfaces() -> None:
     simple.visual = trimesh.visual.TextureVisuals([[0, 0]] * 3, trimesh.visual.material.SimpleMaterial(image=picture))
     made.add("simple", simple)
     made.add("repainted", sheet, material=Material(color=(0.1, 0.2, 0.3)))
+    bare = sheet.copy()
+    bare.visual = trimesh.visual.TextureVisuals([[0, 0]] * 3, trimesh.visual.material.PBRMaterial())
+    made.add("bare", bare)
     world = made.world(environment=(1.0, 1.0, 1.0))
-    first, second, third, fourth = (world.materials[int(mesh.material_ids[0])] for mesh in world.meshes)
+    first, second, third, fourth, fifth = (world.materials[int(mesh.material_ids[0])] for mesh in world.meshes)
     assert first.color == pytest.approx((0.503, 0.0, 0.0), abs=1e-3), "colours of faces are sRGB"
     assert (second.kind, second.metallic, second.alpha, second.emission) == ("principled", 0.25, 0.25, (0.0, 1.0, 0.0))
     assert fourth.color == (0.1, 0.2, 0.3) and fourth.texture == -1
+    assert (fifth.color, fifth.metallic, fifth.alpha) == ((1.0, 1.0, 1.0), 1.0, 1.0), "glTF's own defaults"
     for material in (second, third):
         texture = world.textures[material.texture]
         assert isinstance(texture, ImageTexture) and texture.pixels[1, 2].tolist() == [10, 20, 30, 255]

@@ -39,6 +39,9 @@ def test_of_images_of_the_sky_one_is_used(tmp_path):
     PIL.Image.fromarray(np.full((8, 8, 3), 255, np.uint8)).save(tmp_path / "sky.png")
     sky = 'LightSource "infinite" "string filename" "sky.png" '
     assert load(tmp_path, sky + TRIANGLE).warnings == ()
+    for height, width in ((8, 8), (4, 8)):  # a square tells all directions, too
+        PIL.Image.fromarray(np.full((height, width, 3), 255, np.uint8)).save(tmp_path / "sky.png")
+        assert load(tmp_path, sky + TRIANGLE).environment_map.radiance.shape == (4, 8, 3)
     (warning,) = load(tmp_path, sky + sky + TRIANGLE).warnings
     assert warning.endswith("of several infinite lights with images the last is used")
     (warning,) = load(tmp_path, sky + '"float illuminance" 3 ' + TRIANGLE).warnings
