@@ -104,8 +104,8 @@ def test_colours_go_by_several_names(tmp_path, names):
     head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     head += "".join(f"property uchar {name}\n" for name in names.split())
     head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-    (tmp_path / "a.ply").write_text(head + "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n3 0 1 2\n")
-    assert load_parts(tmp_path / "a.ply").meshes[0].colors == pytest.approx(np.eye(3))
+    (tmp_path / "a.ply").write_text(head + "0 0 0 255 0 0\n1 0 0 0 128 0\n0 1 0 0 0 255\n3 0 1 2\n")
+    assert load_parts(tmp_path / "a.ply").meshes[0].colors == pytest.approx(np.diag((1, 0.21586, 1)), abs=1e-5), "sRGB"
 
 
 @pytest.mark.parametrize("names", ["u v", "s t", "texture_u texture_v", "texture_s texture_t"])

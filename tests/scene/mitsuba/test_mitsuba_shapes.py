@@ -145,3 +145,18 @@ def test_pictures_lie_on_a_cube_as_in_mitsuba(tmp_path):
     found = zip(mesh.vertices.reshape(6, 4, 3), mesh.uvs.reshape(6, 4, 2), strict=True)
     # Here v counts from a picture's bottom.
     assert {(*f.sum(axis=0), *c, u, 1 - v) for f, uvs in found for c, (u, v) in zip(f, uvs, strict=True)} == expected
+
+
+def test_what_is_stretched_moves_as_far_as_its_keys_say(tmp_path) -> None:
+    keys = ((0, 0, 3), (1, 90, 5))
+    rows = "".join(
+        f'<transform time="{time}"><scale x="2"/><rotate y="1" angle="{angle}"/><translate x="{x}"/></transform>'
+        for time, angle, x in keys
+    )
+    world = load(tmp_path, f'<shape type="cube"><animation name="to_world">{rows}</animation></shape>')
+    (cube,) = world.instances
+    for time_s, middle, reach in ((0.0, 3, (2, 1, 1)), (1.0, 5, (1, 1, 2))):
+        pose = cube.motion.pose(time_s)
+        points = world.meshes[cube.mesh].vertices @ pose[:3, :3].T + pose[:3, 3]
+        assert points.mean(axis=0) == pytest.approx((middle, 0, 0), abs=1e-5)
+        assert np.ptp(points, axis=0) / 2 == pytest.approx(reach, abs=1e-5)

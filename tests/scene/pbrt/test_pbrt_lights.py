@@ -7,6 +7,7 @@ import PIL.Image
 import pytest
 
 from clsim.errors import InputError
+from clsim.scene.pbrt.shapes import latitude_longitude
 from tests.scene.pbrt.test_pbrt import TRIANGLE, load
 
 SPOT = 2 * math.pi * (1 - (math.cos(math.radians(40)) + math.cos(math.radians(50))) / 2)
@@ -46,6 +47,13 @@ def test_of_images_of_the_sky_one_is_used(tmp_path):
     assert warning.endswith("of several infinite lights with images the last is used")
     (warning,) = load(tmp_path, sky + '"float illuminance" 3 ' + TRIANGLE).warnings
     assert warning.endswith("the illuminance of infinite lights with images is left out")
+
+
+def test_skies_by_latitude_go_round_z_from_x_over_y():
+    """As pbrt-v3 has them: of sixteen columns the fourth and fifth meet at +y, which is above us."""
+    columns = np.tile(np.arange(16, dtype=np.float32)[None, :, None], (8, 1, 3))
+    sky = latitude_longitude(columns, np.eye(3))
+    assert set(sky[0].ravel().tolist()) == {3, 4} and set(sky[-1].ravel().tolist()) == {11, 12}
 
 
 @pytest.mark.parametrize("factor", [1, 30])
