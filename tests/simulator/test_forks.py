@@ -64,7 +64,7 @@ def test_what_the_parent_has_run_is_refused_in_a_child_at_once(tmp_path: Path) -
             lambda: stage.step(until_us=10_000),
             lambda: stage.frame(),
             lambda: next(stream),
-            lambda: view.fill(1, frame),
+            lambda: (view.forget_light(), view.fill(1, frame)),
             lambda: next(clsim.events_from([PICTURE, PICTURE], fps=100.0)),
         ):
             told = said_in_child(run)
