@@ -314,6 +314,36 @@ def test_a_request_sees_the_cached_light_that_the_frame_was_rendered_in(light_hz
         tracer.close()
 
 
+def test_what_has_turned_into_view_has_the_light_between_frames_that_the_frame_shows():
+    """Not that which the frame's own paths have found there, of which nothing was known."""
+    floor, block = hw.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6)), hw.box((-0.5, 0.1, -0.5), (0.5, 1.1, 0.5))
+    view = hw.camera(hw.look_from((0.2, 1.1, 2.5), (0, 0.5, 0)), 26, 22)
+    world = hw.world(
+        floor, block, view=view, motions=[hw.IDENTITY, Swing(np.eye(4), (0, 0, 0), 2.3)], fps=FPS,
+        environment=(1.0, 1.0, 1.0),
+    )  # fmt: skip
+    options = RenderOptions(
+        spp=4, probe_spp=1, probe_every=2, first_hit_rays=16, sampler="sobol", light_cache=True, threads=2,
+        light_hz=FPS / 3, stored_paths=16,
+    )  # fmt: skip
+    tracer = PathTracer(world, options)
+    retracer = Retracer(SceneData(world, instants=True), options, lambda: tracer)
+    frame = Frame(page_aligned((len(tracer.names), 22, 26)), tracer.names)
+    off = []
+    try:
+        for index in range(10):
+            tracer.fill(index, frame)
+            found = retracer.trace(
+                np.arange(22 * 26, dtype=np.int32), np.full(22 * 26, frame_time_us(index, FPS) / 1e6)
+            )
+            shown = np.maximum(frame.planes[1].ravel(), 1e-4)
+            off.append(np.abs(np.log(np.maximum(found[1], 1e-4) / shown)) > 0.1)
+    finally:
+        retracer.close()
+        tracer.close()
+    assert np.mean(off) < 0.03
+
+
 def test_once_it_is_cancelled_nothing_half_done_is_returned():
     retracer = Retracer(SceneData(busy_world(), instants=True), RenderOptions(spp=1))
     assert retracer.motion(0.0, 0.1) is not None
