@@ -95,9 +95,12 @@ def specked(shape, seed, specks=0.4, share=0.1):
 
 
 def test_each_of_several_ways_marks_what_it_marks_alone():
-    """So do ways that are as long to the right, or as long down, and part in the other."""
+    """So do ways that are as long to the right, or as long down, and part in the other, and one of half a pixel."""
     start, end = specked((37, 53), 3)
-    several = [(0.0, 0.0), (2.3, -1.1), (2.3, 2.0)], [(1.0, 3.0), (-2.0, 3.0), (0.1, -0.1)]
+    several = [
+        [(2.3, -1.1), (0.4, 0.3), (0.0, 0.0)], [(0.0, 0.0), (2.3, -1.1), (2.3, 2.0)],
+        [(1.0, 3.0), (-2.0, 3.0), (0.1, -0.1)],
+    ]  # fmt: skip
     for three in several:
         ways = np.zeros((3, 2, 37, 53), np.float32)
         ways[:] = np.array(three)[:, :, None, None]
