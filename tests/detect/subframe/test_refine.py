@@ -192,10 +192,11 @@ def test_what_rests_until_the_middle_of_a_step_is_traced():
     assert scene.asked > 0 and len(errors(events, reference)) >= 0.99 * len(reference)
 
 
-def test_what_goes_there_and_back_within_a_step_is_traced():
+@pytest.mark.parametrize("speed_px", [6.0, 33.0], ids=["back", "hasty"])
+def test_what_goes_there_and_back_or_far_and_ever_faster_within_a_step_is_traced(speed_px):
     class Swing(Bars):
         def place(self, time_s):
-            return 0.5 - 0.5 * np.cos(2.0 * np.pi * 30.0 * time_s)
+            return 0.5 - 0.5 * np.cos(60.0 * np.pi * time_s) if speed_px == 6.0 else (30.0 * time_s) ** 2
 
         def luminance(self, pixels, times_s):
             return super().luminance(pixels, self.place(times_s)) * (1.0 + 0.3 * times_s)
@@ -205,9 +206,8 @@ def test_what_goes_there_and_back_within_a_step_is_traced():
             moved[:, 0] = self.speed_px * (self.place(end_s) - self.place(start_s))
             return moved
 
-    scene, finely = (Swing(6.0, bar_px=5.0, gap_px=9.0, first_px=200.0, day=0.0) for _ in range(2))
-    reference, _ = run(finely, 240, 10.0)
-    events, _ = run(scene, 30, 10.0)
+    scene, finely = (Swing(speed_px, bar_px=5.0, gap_px=9.0, first_px=200.0, day=0.0) for _ in range(2))
+    (reference, _), (events, _) = run(finely, 240, 10.0, 1 / 30), run(scene, 30, 10.0, 1 / 30)
     assert len(reference) > 0 and len(errors(events, reference)) >= 0.99 * len(reference)
 
 
