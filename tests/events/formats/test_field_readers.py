@@ -193,17 +193,17 @@ def test_evt3_with_vectors_is_decoded_as_evt3_does(tmp_path):
 
 
 def test_evt3_words_in_orders_a_camera_sends_them(tmp_path):
-    """Events ahead of the first time, an upper time without a lower one, upper times sent again."""
-    high, low, row, column = 0x8000, 0x6000, 0x0000, 0x2000
+    """Events ahead of the first time, an upper time without a lower one, upper times sent again, vectors in a row."""
+    high, low, row, column, base, vector12, vector8 = 0x8000, 0x6000, 0x0000, 0x2000, 0x3000, 0x4000, 0x5000
     words = [row | 3, column | 1, high | 1, low | 5, row | 4, column | 2, high | 1, low | 6, column | 3]
     words += [high | 2, column | 4, low | 9, column | 0x800 | 5]
-    path = tmp_path / "a.raw"
-    header = f"% evt 3.0\n% format EVT3;height={HEIGHT};width={WIDTH}\n% end\n"
-    path.write_bytes(header.encode() + np.array(words, "<u2").tobytes())
+    words += [base | 6, vector8 | 1, vector12 | 3, vector8 | 2]
+    path = evt3_file(tmp_path / "a.raw", words)
     ours = read(path)
     found = evt3.decode_file(str(path))
     assert same(ours, found.timestamp, found.x, found.y, found.polarity)
-    assert ours.tolist() == [(4101, 2, 4, False), (4102, 3, 4, False), (8192, 4, 4, False), (8201, 5, 4, True)]
+    assert ours[:4].tolist() == [(4101, 2, 4, False), (4102, 3, 4, False), (8192, 4, 4, False), (8201, 5, 4, True)]
+    assert ours[4:].tolist() == [(8201, x, 4, False) for x in (6, 14, 15, 27)]
 
 
 def evt3_file(path, words, width=WIDTH, height=HEIGHT):
