@@ -355,9 +355,8 @@ def test_a_reset_forgets_poses_that_were_set_for_later(tmp_path: Path) -> None:
 
 @given(st.floats(0.5, 2000.0), st.lists(st.integers(0, 200_000), min_size=1, max_size=6))
 @example(1.0, [1])
-def test_a_callers_steps_are_parts_as_long_as_each_other_and_no_longer_than_a_frame(
-    fps: float, steps: list[int]
-) -> None:
+@example(1e3 / 0.7, [700])  # which is a rounding error more than a frame
+def test_a_callers_steps_are_parts_of_one_length_no_longer_than_a_frame(fps: float, steps: list[int]) -> None:
     clock, number, passed_us = StepClock("caller", fps), 0, 0
     for length_us in steps:
         times = clock.frame_times(number, passed_us, passed_us + length_us)
@@ -366,7 +365,8 @@ def test_a_callers_steps_are_parts_as_long_as_each_other_and_no_longer_than_a_fr
         count = max(1, len(parts))
         # Rounded to whole microseconds, and as few as there can be.
         assert all(abs(t - passed_us - length_us * (k + 1) / count) <= 0.5 for k, t in enumerate(parts))
-        assert count - 1 < length_us * fps / 1e6 + 1e-3 and length_us * fps / 1e6 <= count + 1e-3
+        frames = length_us * fps / 1e6
+        assert (count == 1 or count - 1 < frames - 5e-7) and frames <= count + 1e-3
         if length_us:
             assert parts[-1] == passed_us + length_us
         number, passed_us = number + len(times), passed_us + length_us

@@ -32,6 +32,7 @@ def test_truth_stays_what_it_was_when_a_step_follows(tmp_path: Path) -> None:
         run.step(0)
         told = run.truth()
         kept = {name: values.copy() for name, values in told.items()}
+        assert set(kept) == {"intensity", "depth"} and set(run.truth("depth")) == {"depth"}
         run.set_pose("box", ((0.5, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
         run.step(5_000)
         assert all((run.truth(name)[name] != kept[name]).any() for name in kept)

@@ -102,7 +102,7 @@ def test_what_cannot_be_is_told() -> None:
         for use, sentence in (
             (lambda: run.pose("red box", float("nan")), "`time_us` must be a finite number, got nan"),
             (lambda: run.pose(["red box"]), r"`name` must be a text, got \['red box'\]"),
-            (lambda: run.set_light("lamp", (1e39, 0.0, 0.0)), r"`radiance` must not be negative, nor more than 1e\+30"),
+            (lambda: run.set_light("lamp", (0.0, 1.0, 1e39)), r"`radiance` must not be negative, nor more than 1e\+30"),
             (lambda: run.restore(None), "`state` must be what `snapshot` returns, got None"),
         ):
             with pytest.raises(InputError, match=sentence):
