@@ -56,6 +56,12 @@ def test_what_does_not_build_is_passed_over_with_a_word(broken: Any) -> None:
     assert first.name.startswith("Turbo ") and first.fault == FAULT
 
 
+def test_of_all_that_a_driver_says_the_error_is_told() -> None:
+    said = "clBuildProgram failed: BUILD_PROGRAM_FAILURE\n\nBuild on Slow:\nfatal error: no file 'a.h'\n1 more"
+    assert trial.reason_in(RuntimeError(said)) == "fatal error: no file 'a.h'"
+    assert trial.reason_in(RuntimeError(" out of host memory\nat build")) == "out of host memory"
+
+
 @pytest.mark.parametrize("spelled", [str.lower, str.upper])
 def test_who_names_a_device_that_works_hears_of_no_other(broken: Any, spelled: Callable[[str], str]) -> None:
     broken(Broken(f"{trial.POCL} on a Turbo", cl.device_type.GPU))
