@@ -94,6 +94,11 @@ def test_a_flat_noisy_scene_gets_a_wide_kernel():
     narrow = solve_optimised(windows_of(with_variances(frame, radiance=1e-9), config), config)
     wide = solve_optimised(windows_of(with_variances(frame, radiance=0.04), config), config)
     assert wide.alpha.std() < 0.8 * narrow.alpha.std()
+    # The width is chosen in shares of that of the options: with next to none a pixel has its own brightness.
+    alone = replace(config, bandwidth_h=1e-3)
+    windows = windows_of(with_variances(frame, radiance=0.04), alone)
+    own = np.log(frame.plane("R")[0])
+    np.testing.assert_allclose(solve_optimised(windows, alone).alpha, own, atol=1e-5)
 
 
 @pytest.mark.parametrize("bandwidth", ["tsvd", "optimised"])
