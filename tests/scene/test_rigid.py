@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from clsim.scene.rigid import facing, mirrors, quaternions_of, rotation_vectors
+from clsim.scene.rigid import facing, mirrors, quaternions_of, rotation_vectors, stretch_of
 
 
 def turns(kind: str) -> np.ndarray:
@@ -73,6 +73,19 @@ def test_rotations_face_as_they_are() -> None:
         matrix[:3, :3] = 3.5 * turn
         np.testing.assert_allclose(facing(matrix)[:3, :3], turn, atol=1e-14)
         assert not mirrors(matrix) and mirrors(matrix @ np.diag((1, -1, 1, 1)))
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 2.0, 3.0), (1.0, -2.0, 3.0)], ids=["plain", "mirrored"])
+def test_what_is_left_without_its_stretch_only_turns(sizes: tuple[float, ...]) -> None:
+    for before, after in zip(*(Rotation.random(10, random_state=k).as_matrix() for k in (1, 2)), strict=True):
+        matrix = np.eye(4)
+        matrix[:3, :3] = before @ np.diag(sizes) @ after
+        stretch = stretch_of(matrix)
+        assert stretch is not None
+        turn = (matrix @ np.linalg.inv(stretch))[:3, :3]
+        np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+        assert np.linalg.det(turn) > 0
+    assert stretch_of(np.diag((1.0, 0.0, 1.0, 1.0))) is None
 
 
 AXES = arrays(np.float64, 3, elements=st.floats(-10, 10)).filter(lambda axis: np.linalg.norm(axis) > 0.1)

@@ -120,8 +120,10 @@ def test_round_shapes_are_as_large_and_laid_out_as_mitsuba_says(tmp_path, kind, 
     """A sphere's u is its longitude and v its angle from +z, a disk's u the radius and v the angle."""
     (mesh,) = load(tmp_path, f'<shape type="{kind}">{more}<bsdf type="diffuse"/></shape>').meshes
     corners = mesh.vertices.astype(float)[mesh.triangles]
-    found = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-    assert found == pytest.approx(area, rel=0.01)
+    across, middles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners.mean(axis=1)
+    assert np.linalg.norm(across, axis=1).sum() / 2 == pytest.approx(area, rel=0.01)
+    outwards = {"sphere": middles - (1, 2, 3), "disk": np.array([0, 0, 1]), "cylinder": middles * (1, 1, 0)}[kind]
+    assert ((across * outwards).sum(axis=1) > 0).all(), "fronts are outside"
     if from_uv is not None:
         # Here v counts from a picture's bottom.
         expected = [from_uv(2 * np.pi * float(u), 2 * np.pi * (1 - float(v))) for u, v in mesh.uvs]
