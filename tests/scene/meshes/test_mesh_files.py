@@ -246,9 +246,10 @@ def _png(path):
     return path
 
 
-def test_black_beside_a_texture_means_the_texture(tmp_path):
+@pytest.mark.parametrize("color", ["Kd 0 0 0\n", ""], ids=["black", "none"])
+def test_black_or_no_colour_beside_a_texture_means_the_texture(tmp_path, color):
     _png(tmp_path / "a.png")
-    (tmp_path / "a.mtl").write_text("newmtl m\nKd 0 0 0\nmap_Kd a.png\n")
+    (tmp_path / "a.mtl").write_text(f"newmtl m\n{color}map_Kd a.png\n")
     path = tmp_path / "a.obj"
     path.write_text("mtllib a.mtl\n" + OBJ + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n")
     assert load_world(path).materials[0].color == (1, 1, 1)
