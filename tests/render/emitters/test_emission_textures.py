@@ -34,6 +34,15 @@ def test_a_gradient_emits_its_integral_over_each_triangle(srgb):
     np.testing.assert_allclose(mean_emission(world, world.meshes[0]), expected, rtol=0.02)
 
 
+@pytest.mark.parametrize(("wrap_u", "wrap_v", "whole"), [("repeat", "clamp", 0.75), ("clamp", "repeat", 0.5)])
+def test_each_axis_of_an_image_goes_on_in_its_own_way(wrap_u, wrap_v, whole):
+    """Its upper half shines, and it is half as high as the screen."""
+    pixels = np.full((2, 2, 4), 255, np.uint8)
+    pixels[1] = 0
+    world = screen(ImageTexture(pixels, wrap_u=wrap_u, wrap_v=wrap_v, uv_matrix=((1.0, 0.0, 0.0), (0.0, 2.0, 0.0))))
+    assert mean_emission(world, world.meshes[0]).mean() == pytest.approx(2.0 * whole, rel=0.05)
+
+
 @pytest.mark.parametrize("wrap", ["repeat", "mirror", "clamp"])
 @pytest.mark.filterwarnings("error")
 def test_places_beyond_all_numbers_are_some_place(wrap):

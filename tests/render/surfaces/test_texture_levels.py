@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from clsim.render import SceneData
-from clsim.render.surfaces.texture_levels import coarser
+from clsim.render.surfaces.texture_levels import add_levels, coarser
 from clsim.render.surfaces.upload_materials import decoding
 from clsim.render.textures.texture_data import Footprint, TextureRow, Textures
 from clsim.scene import ImageTexture, Material
@@ -47,7 +47,7 @@ def test_a_level_lies_where_the_image_does():
 
 
 def test_levels_mean_what_their_texture_says_of_the_bytes():
-    """One image as sRGB and as plain numbers; one of which no mean is taken has none."""
+    """One image as sRGB and as plain numbers; one of which no mean is taken has none, nor one that changes."""
     pixels = np.full((2, 2, 4), 255, np.uint8)
     pixels[0] = 0
     materials = [Material(texture=0), Material(texture=1, normal_texture=2)]
@@ -60,6 +60,10 @@ def test_levels_mean_what_their_texture_says_of_the_bytes():
     assert rows["levels"].tolist() == [1, 1, 0]
     values = decoding()[rows["decoding"][:2] + (coarse[rows["coarse"][:2]] & 255)]
     np.testing.assert_allclose(values, 0.5, atol=0.005)
+    changing = replace(textures[0], film=object()), replace(textures[1], nearest=True)
+    data = SceneData(replace(world, textures=tuple(textures)))
+    add_levels(replace(world, textures=(*changing, textures[2])), data.scene.materials.textures)
+    assert not data.scene.materials.textures.rows.numpy()["levels"].any()
 
 
 def test_the_mean_over_a_pixel_is_right_from_few_places_of_coarse_levels():
