@@ -75,6 +75,18 @@ def test_each_quaternion_is_on_the_side_of_the_one_before():
     np.testing.assert_allclose(same, 1, atol=1e-12)
 
 
+def test_a_jump_bends_nothing_before_or_after_it():
+    """Speed at the key where something jumps is beyond all bounds; elsewhere it stands."""
+
+    class Jump:
+        def pose(self, time_s):
+            return hw.translation(float(time_s >= 0.5), 0.0, 0.0)
+
+    times_s = shutter.key_times(0.5, 1.0)
+    positions = np.array([[Jump().pose(time_s)[:3, 3]] for time_s in times_s])
+    assert np.ptp(positions) == 1.0 and not shutter.key_steps([Jump()], times_s, positions).any()
+
+
 @dataclass(frozen=True)
 class Breath:
     """A mesh that grows and shrinks again while it turns and goes up and down."""

@@ -52,9 +52,11 @@ def a_world(camera_motion=None, lens=None) -> World:
     )
 
 
-def filled(world: World, before_us: int | None = 20_000, planes: PlaneSet = PLANES) -> dict[str, np.ndarray]:
+def filled(
+    world: World, before_us: int | None = 20_000, planes: PlaneSet = PLANES, camera: Camera | None = None
+) -> dict[str, np.ndarray]:
     """The planes of truth at T0 by channel, forward flow to T1."""
-    camera = world.camera
+    camera = camera or world.camera
     out = np.zeros((len(planes.names), camera.height, camera.width), np.float32)
     ends_us = {"Flow.forward": T1_US, "Flow.backward": before_us, "Label.flow": T1_US}
     TruthPass(SceneData(world), camera, planes).fill(out, T0_US, ends_us)
@@ -97,6 +99,13 @@ def test_everything_moves() -> None:
     assert set(np.unique(found["Id.material"][found["Id.object"] == 2])) == {2}
     assert 0.02 < 1 - found["Flow.forward.covisible"].mean() < 0.5
     assert np.linalg.norm(expected["flow"], axis=-1).max() > 3
+
+
+def test_it_is_sharp_and_of_one_moment_whatever_the_exposure_and_the_aperture() -> None:
+    world = a_world()
+    blurred = replace(world.camera, shutter_s=0.05, lens=Lens(aperture_radius_m=0.2, focus_distance_m=1.0))
+    sharp, found = filled(world), filled(world, camera=blurred)
+    assert all(np.array_equal(found[name], plane) for name, plane in sharp.items())
 
 
 def test_backward_flow() -> None:
