@@ -49,7 +49,15 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
         replace(PLAIN, materials=(replace(METAL, distribution="beckmann", stretch=2.0),)),
         {"kinds", "diffuse_lit", "beckmann", "anisotropic"},
     ),
+    "smooth glass": (
+        replace(PLAIN, materials=(Material(kind="principled", transmission=1.0, alpha=0.0),)),
+        {"kinds", "diffuse_lit", "transmission", "mirrors"},
+    ),
     "a lamp": (of_material(**GLOW), {"triangle_lights", "diffuse_lit", *LIT}),
+    "a lamp with holes": (
+        of_material(**GLOW, alpha_mode="mask"),
+        {"triangle_lights", "still_lamps", "diffuse_lit", "alpha"},
+    ),
     "half a lamp": (
         of_material(**GLOW, emits_behind=False),
         {"triangle_lights", "one_sided_lamps", "diffuse_lit", *LIT},
@@ -64,6 +72,10 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
         {"sphere_lights", "lamps_move", "light_changes", *LIT},
     ),
     "a spot": (replace(PLAIN, punctual_lights=(SPOT,)), {"punctual_lights", *LIT}),
+    "a spot with a sharp edge": (
+        replace(PLAIN, punctual_lights=(replace(SPOT, inner_deg=59.5),)),
+        {"punctual_lights"},
+    ),
     "a slide": (
         replace(PLAIN, punctual_lights=(replace(SPOT, picture=0, picture_size=(0.5, 0.5)),), textures=(IMAGE,)),
         {"punctual_lights", "light_pictures", "textures", "images"},
