@@ -141,15 +141,19 @@ def test_an_even_sky_of_any_colour_is_added_to_a_picture_of_one(even):
 
 
 def test_an_emitting_triangle_has_the_power_of_its_area_and_of_each_side_that_shines() -> None:
-    """A Lambertian emitter sends π · radiance · area into the half space before it."""
+    """A Lambertian emitter sends π · radiance · area into the half space before it; one that flickers, at its crest."""
     corners = np.array([(0, 0, 0), (2, 0, 0), (0, 1, 0), (0, 0, 5), (6, 0, 5), (0, 3, 5)], np.float32)
     radiance = (3.0, 2.0, 1.0)
     ids = np.array([0, 1], np.int32)
     mesh = Mesh(corners, np.array([(0, 1, 2), (3, 4, 5)], np.int32), ids)
-    materials = tuple(Material(emission=radiance, emits_behind=behind) for behind in (False, True))
+    crests = Sine(100.0, 0.5), None
+    materials = tuple(
+        Material(emission=radiance, emits_behind=behind, modulation=each)
+        for behind, each in zip((False, True), crests, strict=True)
+    )
     turned = Static(compose((1.0, 2.0, 3.0), rotation_matrix(euler_quaternion((30.0, 40.0, 50.0)))))
     camera = Camera(4, 4, 50.0, Static(np.eye(4)))
     world = World("lamps", camera, (mesh,), (Instance(0, turned, "lamp"),), materials)
     lights = triangle_lights(world, place(world))
-    expected = math.pi * float(np.dot(radiance, LUMINANCE)) * np.array([1.0, 2 * 9.0])
+    expected = math.pi * float(np.dot(radiance, LUMINANCE)) * np.array([1.5, 2 * 9.0])
     np.testing.assert_allclose(lights.power, expected, rtol=1e-5)
