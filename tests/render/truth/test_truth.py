@@ -248,6 +248,20 @@ def test_a_wall_across_the_view_moves_by_focal_length_over_depth() -> None:
     assert np.abs(found["Z"] - 4).max() < 1e-6
 
 
+def test_what_passes_close_before_a_wall_hides_it() -> None:
+    """A card at nineteen twentieths of the way to it, and a camera that stands."""
+    card = hw.quad((-0.5, -0.5, -2.8), (1, 0, 0), (0, 1, 0))
+    world = replace(
+        a_world(moving((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))),
+        meshes=(hw.quad((-9, -9, -3), (18, 0, 0), (0, 18, 0)), card),
+        instances=(Instance(0, hw.IDENTITY), Instance(1, moving((-1.0, 0.0, 0.0), (4.0, 0.0, 0.0)))),
+    )
+    world = replace(world, sphere_lights=(SphereLight(0.1, (1.0, 1.0, 1.0), Static(hw.translation(0, 0, 9))),))
+    found, later = filled(world), reference.truth(world, world.camera, T1_US * 1e-6, T1_US * 1e-6)["owner"]
+    wall = found["Id.object"] == 1
+    assert np.array_equal(found["Flow.forward.covisible"][wall] > 0, later[wall] == 1) and (later[wall] == 2).sum() > 5
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "lens",
