@@ -11,7 +11,7 @@ from clsim.render import SceneData
 from clsim.render.accel.placement import place
 from clsim.render.accel.smallest import smallest_of
 from clsim.render.camera.camera import CameraData
-from clsim.render.camera.pixel_width import widest_pixel
+from clsim.render.camera.pixel_width import pixel_of, widest_pixel
 from clsim.render.features.features import view_features
 from clsim.render.features.scene_features import scene_features
 from clsim.scene import Camera, ImageTexture, Lens, Material, Mesh, SphereLight, Static
@@ -223,6 +223,11 @@ def test_the_widest_pixel_is_that_of_the_rays(lens, fov_deg):
     turns = np.stack([rays(x + 0.01, y) - rays(x, y), rays(x, y + 0.01) - rays(x, y)], axis=-1) / 0.01
     widest = np.linalg.svd(turns[np.isfinite(turns).all(axis=(-2, -1))], compute_uv=False).max()
     assert widest_pixel(camera) == pytest.approx(widest, rel=0.03)
+
+
+def test_a_pixel_of_parallel_rays_is_as_wide_as_its_share_of_the_view():
+    camera = Camera(64, 48, 60.0, Static(np.eye(4)), lens=Lens(model="orthographic", view_width_m=2.0))
+    assert pixel_of(camera) == (0.0, 2.0 / 64)
 
 
 def test_wide_pixels_show_less_of_what_is_small():

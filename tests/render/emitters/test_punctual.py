@@ -94,6 +94,20 @@ def test_the_power_of_a_spot_is_the_integral_of_its_falloff(inner, outer):
     np.testing.assert_allclose(power(light, 1.0)[0], expected, rtol=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("light", "expected"),
+    [
+        (PunctualLight("point", INTENSITY, hw.IDENTITY), 4 * np.pi),
+        (PunctualLight("directional", INTENSITY, hw.IDENTITY), np.pi * 3.0**2),
+        (PunctualLight("spot", INTENSITY, hw.IDENTITY, falloff="frame", picture_size=(0.5, -0.25)), 1.0 * 0.5),
+    ],
+    ids=["point", "directional", "frame"],
+)
+def test_what_is_lit_all_around_or_across_the_scene_or_in_a_frame_has_that_power(light, expected):
+    """A frame reaches as far to either side, at a distance of 1, and is lit evenly there."""
+    np.testing.assert_allclose(power(light, 3.0), np.array(INTENSITY) * expected)
+
+
 def test_bodies_cast_sharp_shadows():
     light = PunctualLight("point", INTENSITY, Static(hw.translation(0, 2, 0)))
     lid = hw.quad((-0.01, 1, -0.01), (0.02, 0, 0), (0, 0, 0.02))
