@@ -202,7 +202,10 @@ class TextureReader:
                 return Told(fallback)
             if fallback is None:
                 return Told(None)
-            return Told(tuple(fallback)[:3] if output in ("rgb", "out") else tuple(fallback)[_CHANNELS.get(output, 0)])
+            if output in ("rgb", "out"):
+                return Told(tuple(fallback)[:3])
+            channel = _CHANNELS.get(output, 0)
+            return Told(fallback[channel] if channel < len(fallback) else 1.0)
         _, matrix = self._reader(shader)
         kind = str(shader.GetIdAttr().Get())
         space = str(self._value(shader, "sourceColorSpace") or "auto")

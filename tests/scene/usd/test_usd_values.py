@@ -265,10 +265,13 @@ def test_opacity_has_no_curve_and_is_scaled_before_it_is_shifted(tmp_path):
     assert (world.textures[material.opacity_texture].pixels[..., 3] == 128).all()
 
 
-def test_where_a_picture_is_missing_each_channel_is_that_of_the_fallback(tmp_path):
-    told, inputs = "float4 inputs:fallback = (.1, .2, .3, .4)\n", "float inputs:opacity.connect"
+@pytest.mark.parametrize(
+    ("fallback", "opacity"), [("float4 {} = (.1, .2, .3, .4)", 0.4), ("float3 {} = (.1, .2, .3)", 1)]
+)
+def test_where_a_picture_is_missing_each_channel_is_that_of_the_fallback(tmp_path, fallback, opacity):
+    told, inputs = fallback.format("inputs:fallback") + "\n", "float inputs:opacity.connect"
     world, material = painted(tmp_path, f"{inputs} = </paint/picture.outputs:a>", told, file="nowhere.png")
-    assert (*material.color, material.opacity) == pytest.approx((0.1, 0.2, 0.3, 0.4))
+    assert (*material.color, material.opacity) == pytest.approx((0.1, 0.2, 0.3, opacity))
     assert any("nowhere.png" in warning for warning in world.warnings)
 
 
