@@ -157,7 +157,10 @@ def _lamp_corners(world: World) -> Any:
 
 def _our_render(world: World, spp: int, tree: Tree) -> Callable[[], float]:
     threads = usable_cores()
-    options = RenderOptions(spp=spp, max_depth=MAX_DEPTH, roulette_start=1000, threads=threads, tree=tree)
+    # With common noise a picture in which nothing has moved would not be rendered again.
+    options = RenderOptions(
+        spp=spp, max_depth=MAX_DEPTH, roulette_start=1000, threads=threads, tree=tree, noise="independent"
+    )
     tracer = PathTracer(world, options)
     frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
 

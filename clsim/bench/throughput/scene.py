@@ -71,7 +71,9 @@ def narrow(world: World) -> World:
 
 
 def _tracer(world: World, spp: int, seed: int) -> PathTracer:
-    return PathTracer(world, RenderOptions(spp=spp, seed=seed, max_depth=MAX_DEPTH, roulette_start=ROULETTE))
+    # With common noise a picture in which nothing has moved would not be rendered again.
+    options = RenderOptions(spp=spp, seed=seed, max_depth=MAX_DEPTH, roulette_start=ROULETTE, noise="independent")
+    return PathTracer(world, options)
 
 
 def _picture(tracer: PathTracer) -> npt.NDArray[np.float32]:
