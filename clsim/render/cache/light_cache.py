@@ -134,8 +134,9 @@ class Asked:
         finest: the first level that is asked; 0 has the finest cells.
         finest_before: the same, for the light as it was known before.
         finest_if_smooth: no level below is looked up where light is smooth, as the cache holds no direct light there.
-        last_update: what was known before is what cells knew before that update, or before a later one: between frames
-            light is shown as in the frame that ends the step, whose paths are in the cells by then. −1 for none.
+        last_update: what was known before is what cells knew before that update, …
+        between: … or before a later one: between frames light is shown as in the frame that ends the step, whose paths
+            are in the cells by then.
         tells_error: whether it is told how far the light might be off.
         follows: whether stored paths tell how the light has changed.
         enough_stored: stored paths with which a level counts as much as all coarser ones, where they tell that.
@@ -148,6 +149,7 @@ class Asked:
     finest_before: int
     finest_if_smooth: int
     last_update: int
+    between: bool
     tells_error: bool
     follows: bool
     enough_stored: float
@@ -316,7 +318,7 @@ def look_up(
                     sums.paths += count
                     sums.variance += error * error * cell.count * count
                     sums.off += off * error * count
-                    if asked.last_update >= 0 and cell.update >= asked.last_update:
+                    if cell.update == asked.last_update or (asked.between and cell.update > asked.last_update):
                         light = _tilted(cell.before, cell.tilt_before, place)
                         error = _error_at(cell.error_before, cell.tilt_before, place)
                         cell.count = cell.count_before

@@ -191,6 +191,7 @@ def make_retraced(
             pixel = pixels[request]
             gathering = steering
             gathering.asked.to_go = 1.0 - light_passed[instants[request]]
+            gathering.asked.between = gathering.asked.last_update >= 0
             primary_rays = steering.primary_rays
             gathered = GatheredLight()
             seen = Seen()
