@@ -49,7 +49,8 @@ def rays_per_path(world: World, options: RenderOptions) -> RaysPerPath:
     small = replace(world, camera=replace(world.camera, width=width, height=height))
     counts = (ctypes.c_ulonglong * 2)()
     with _counting(counts):
-        tracer = PathTracer(small, replace(options, spp=_SPP, device="cpu", variances=False))
+        # With common noise a picture in which nothing has moved would not be rendered again.
+        tracer = PathTracer(small, replace(options, spp=_SPP, device="cpu", variances=False, noise="independent"))
         try:
             frame = Frame(page_aligned((len(tracer.names), height, width)), tracer.names)
             last = (tracer.frame_count or 1) - 1
