@@ -14,7 +14,7 @@ from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import width_at
 from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import NextEvent
-from clsim.render.primary.seen_surfaces import SeenSurface
+from clsim.render.primary.seen_surfaces import SeenSurface, variance_of
 from clsim.render.sampling.sampling import brightness
 
 _LEAST = wp.constant(0.1)
@@ -186,7 +186,7 @@ def light_of(
                     s.off_before += brightness(reflected, weights) * cached.off
         luminance = brightness(radiance, weights)
         s.brightness += luminance * surfaces[k].share
-        s.squares += luminance * luminance * surfaces[k].share
+        s.squares += (luminance * luminance + variance_of(surfaces[k])) * surfaces[k].share
     return s
 
 

@@ -28,7 +28,8 @@ class Sample:
     ``lamp`` is whether direct light is analytic (``lamp_light.py``); under a coat, ``coated_by`` is the number of its
     material from 1. A shadow ray to a place on a lamp carries
     ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``boxed`` is whether the first ray went into
-    the box around an instance, or met a lamp; ``bent``, whether a mirror or glass sent it on. Where what pixels saw is
+    the box around an instance, or met a lamp; ``bent``, whether a mirror, gloss or glass sent it on, and
+    ``spread``, whether gloss did. Where what pixels saw is
     stored, ``position`` of the sky is far away.
 
     Where cells lie on what moves, ``instance`` is what was hit, −1 for none; ``rest`` and ``rest_normal`` are where
@@ -66,6 +67,7 @@ class Sample:
     lamp: bool
     boxed: bool
     bent: bool
+    spread: bool
 
 
 @wp.struct

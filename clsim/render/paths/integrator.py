@@ -86,7 +86,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             make_colours(features, albedo_of, shares, mean_of_blend),
             make_detailed(features, textured),
             make_ending(features, sphere_pdf, environment, weight),
-            make_asking(features, sample_light, environment, scatter_value, agree, visibility),
+            make_asking(features, sample_light, environment, scatter_value, agree, visibility, primary_only),
             (outgoing, scatter, agree, side),
             (emitted, triangle_pdf, weight),
         )

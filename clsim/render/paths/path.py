@@ -46,7 +46,7 @@ def make_trace(
 
     Args:
         features: what the kernel is built for.
-        primary_only: end at the first surface that is no mirror, which is what a pixel shows.
+        primary_only: end at the first surface that is no mirror, nor glossy, which is what a pixel shows.
         closest: finds the nearest hit that stops the ray.
         surface_of: of a hit.
         meet, colours, detailed: of `path_surfaces`.
@@ -156,8 +156,12 @@ def make_trace(
                 primary = False
                 if wp.static(features.follow_specular):
                     followed = bsdf.mirror
+                    if wp.static(features.follow_gloss):
+                        followed = followed or bsdf.glossy
                     if wp.static(features.blends):
                         followed = followed and scene.materials.rows[point.material].blend_with < 0
+                    if wp.static(features.follow_gloss):
+                        sample.spread = sample.spread or (followed and bsdf.glossy)
                     primary = followed
                     if wp.static(primary_only and features.stores_hits):
                         sample.bent = sample.bent or followed
@@ -197,6 +201,9 @@ def make_trace(
             to = receiver(bsdf, point.position, point.shading_normal, -direction)
             draw = choice[0]
             asks = not bsdf.mirror
+            if wp.static(features.follow_gloss and not primary_only):
+                # What a path finds begins where the pixel ends.
+                asks = asks and not followed
             if wp.static(features.lamp_light):
                 carried.others = wp.where(analytic, wp.max(scene.lights.environment_probability, NEVER), 1.0)
                 if analytic:
@@ -204,12 +211,14 @@ def make_trace(
                     asks = carried.others > NEVER
                     draw = 1.0 - carried.others + draw * carried.others
             out = outgoing(scene.materials, bsdf, point.shading_normal, -direction)
-            if wp.static(by_light and has_lights and not primary_only):
+            if wp.static(by_light and has_lights and (features.follow_gloss or not primary_only)):
                 if asks:
                     sent = ask(
                         scene, light, point, bsdf, to, out, carried, absorption, draw, stream, dimension, time
                     )  # fmt: skip
                     sample.radiance += sent.radiance
+                    if wp.static(primary_only):
+                        sample.emission = sample.radiance
                     if wp.static(features.replay):
                         note_light(scene.geometry, stream.row, depth, sent.towards)
 

@@ -100,20 +100,26 @@ def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: A
                 sky = environment(scene.lights, carried.last.normal, direction)
                 share = weight(carried.alone, False, carried.pdf, sky.pdf / carried.others)
                 sample.radiance += wp.cw_mul(carried.throughput, sky.radiance) * share
-                if wp.static(features.first_hits):
-                    if primary:
-                        sample.emission = sample.radiance
+        if wp.static(features.first_hits and (features.environment or features.follow_gloss)):
+            if primary and not met_sphere:
+                sample.emission = sample.radiance
         return sample
 
     return ending
 
 
 def make_asking(
-    features: Features, sample_light: Any, environment: Any, scatter_value: Any, agree: Any, visibility: Any
+    features: Features,
+    sample_light: Any,
+    environment: Any,
+    scatter_value: Any,
+    agree: Any,
+    visibility: Any,
+    primary_only: bool,
 ) -> Any:
     """Return the Warp function ``ask``: light that a place sends on towards the path, straight from a light."""
     uniform2 = make_sampler(features.sobol)
-    ahead = looks_ahead(features)
+    ahead = looks_ahead(features) and not primary_only
     by_scatter = features.strategy != "light"
 
     @wp.func(inline=True)

@@ -241,6 +241,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         first = corners[nearest]
         sound = is_sound(first)
         boxed = bool(first.boxed)
+        spread = bool(first.spread)
         colours = int(0)
         third = bool(False)
         one_material = bool(True)
@@ -253,6 +254,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
             sample = corners[other]
             sound = sound and is_sound(sample)
             boxed = boxed or sample.boxed
+            spread = spread or sample.spread
             one_material = one_material and sample.material == first.material
             one_triangle = one_triangle and sample.triangle == first.triangle and sample.hit == first.hit
             farthest = wp.max(farthest, sample.depth)
@@ -295,6 +297,12 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
                 edge.plain = False
                 edge.flat = False
                 edge.straight = False
+        if spread:
+            # Gloss sends each ray elsewhere.
+            edge.plain = False
+            edge.flat = False
+            edge.straight = False
+            edge.by_colour = False
         return edge
 
     return judge_corners

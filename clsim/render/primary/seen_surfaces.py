@@ -24,6 +24,10 @@ _OFF_PLANE = wp.constant(0.25)
 """Widths of a pixel by which a surface may leave its tangent plane, in addition to …"""
 _OFF_PLANE_SHARE = wp.constant(0.1)
 """… this share of the distance."""
+_NOWHERE_M = wp.constant(1.0e30)
+"""Farther than all there is [m]."""
+_NEAR = wp.constant(0.2)
+"""Part of the way to where a ray ended, within which light is much the same: in gloss a pixel shows a whole wall."""
 DARK = wp.constant(1e-3)
 """Albedo is taken for at least so much: even black lacquer reflects."""
 
@@ -41,6 +45,7 @@ class SeenSurface:
         lamp_all, lamp_lit: sums of what its rays' ways to lamps carry.
         from_lamps: the part of ``emission`` that is direct light, once that was added.
         rest: as the position, while what is seen rests.
+        squares: mean of the squares of what its rays found of ``emission``, in luminance, where gloss shows it.
     """
 
     first: Sample
@@ -57,6 +62,7 @@ class SeenSurface:
     lamp_lit: float
     from_lamps: wp.vec3
     rest: wp.vec3
+    squares: float
 
 
 @wp.func
@@ -101,9 +107,42 @@ def begin_surface(surfaces: wp.array[SeenSurface], number: int, sample: Sample) 
 
 
 @wp.func
+def _squared(light: wp.vec3) -> float:
+    bright = luminance(light)
+    return bright * bright
+
+
+@wp.func
+def variance_of(surface: SeenSurface) -> float:
+    """Return the variance of the luminance that the rays found of a surface's emission where gloss shows it, else 0."""
+    found = float(0.0)
+    if surface.first.spread:
+        found = wp.max(surface.squares - _squared(surface.emission - surface.from_lamps), 0.0)
+    return found
+
+
+@wp.func
+def _find_nearest(surfaces: wp.array[SeenSurface], number: int, sample: Sample, pixel: wp.vec2) -> int:
+    """Return the nearest part of the surface that a ray hit by way of gloss, −1 for one that is not near any."""
+    found = int(-1)
+    least = _NEAR * sample.depth
+    if number == _MOST_SURFACES:
+        least = _NOWHERE_M
+    for k in range(number):
+        off = wp.length(sample.position - surfaces[k].first.position)
+        if off < least and surfaces[k].first.spread and same_surface(sample, surfaces[k].first, pixel):
+            least = off
+            found = k
+    return found
+
+
+@wp.func
 def find_surface(surfaces: wp.array[SeenSurface], number: int, sample: Sample, by_colour: bool, pixel: wp.vec2) -> int:
     """Return the surface that a ray hit; −1 for one not seen before, −2 − k for another colour of the surface k."""
     found = int(-1)
+    if sample.spread and sample.hit:
+        found = _find_nearest(surfaces, number, sample, pixel)
+        number = 0
     for k in range(number):
         if found < 0:
             first = surfaces[k].first
@@ -120,6 +159,8 @@ def add_to_surface(surfaces: wp.array[SeenSurface], k: int, sample: Sample, coat
     """Add a ray to the sums of a surface; where there are no ``coats``, theirs are not worth their time."""
     surfaces[k].rays += 1.0
     surfaces[k].emission += sample.emission
+    if sample.spread:
+        surfaces[k].squares += _squared(sample.emission)
     surfaces[k].lamp_all += sample.lamp_all
     surfaces[k].lamp_lit += sample.lamp_lit
     if sample.hit:
@@ -149,6 +190,7 @@ def finish_surfaces(surfaces: wp.array[SeenSurface], number: int, straight: bool
             surfaces[k].share = wp.where(k == 0, area, 1.0 - area)
         if mine > 0.0:
             surfaces[k].emission = surfaces[k].emission / mine
+            surfaces[k].squares = surfaces[k].squares / mine
             surfaces[k].albedo = surfaces[k].albedo / mine
             if coats:
                 surfaces[k].coat = surfaces[k].coat / mine
@@ -161,6 +203,7 @@ def finish_surfaces(surfaces: wp.array[SeenSurface], number: int, straight: bool
             # Of a narrow strip, or where no ray was inside: what the corner saw.
             first = surfaces[k].first
             surfaces[k].emission = first.emission
+            surfaces[k].squares = _squared(first.emission)
             if first.hit:
                 surfaces[k].albedo = lit_albedo(first)
                 if coats:
@@ -179,6 +222,7 @@ def resume_surfaces(surfaces: wp.array[SeenSurface], number: int) -> None:
         mine = surfaces[k].rays
         surfaces[k].emission = (surfaces[k].emission - surfaces[k].from_lamps) * mine
         surfaces[k].from_lamps = wp.vec3()
+        surfaces[k].squares = surfaces[k].squares * mine
         surfaces[k].albedo = surfaces[k].albedo * mine
         surfaces[k].coat = surfaces[k].coat * mine
         surfaces[k].passing = surfaces[k].passing * mine

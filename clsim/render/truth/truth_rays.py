@@ -263,6 +263,7 @@ def truth_features(features: Features, planes: PlaneSet) -> Features:
         transmission=False,
         mirrors=False,
         follow_specular=False,
+        follow_gloss=False,
         one_sided_lamps=False,
         triangle_lights=False,
         still_lamps=False,
