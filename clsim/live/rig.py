@@ -41,7 +41,10 @@ class SharedScene:
 
         with self._lock:
             if self._data is None:
-                self._data = SceneData(self._world, stages.render.device, stages.render.tree, self._interval_s)
+                render = stages.render
+                self._data = SceneData(
+                    self._world, render.device, render.tree, self._interval_s, light_cache=render.light_cache
+                )
             return View(self._data, stages.render, board, stages.world.camera)
 
 

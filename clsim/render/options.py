@@ -197,4 +197,4 @@ class RenderOptions:
 
     def features_of(self, world: World) -> Features:
         """Return the features of the kernel for a world and its own camera."""
-        return self.features(scene_features(world, world.camera.shutter_s), world.camera)
+        return self.features(scene_features(world, world.camera.shutter_s, light_cache=self.light_cache), world.camera)

@@ -69,6 +69,7 @@ class SceneData:
         interval_s: float | None = None,
         instants: bool = False,
         ahead: RenderOptions | None = None,
+        light_cache: bool = False,
     ) -> None:
         """Copy the world to the device and build its trees.
 
@@ -79,6 +80,7 @@ class SceneData:
             interval_s: at least the longest exposure of all views [s]; None takes that of the world's camera.
             instants: everything has a place for each of several instants, for `move_to`, and there is no interval.
             ahead: how the world's camera will render it: its kernels are compiled now, and at the same time as others.
+            light_cache: whether views cache light; what is ``ahead`` tells that too.
 
         Raises:
             InputError: the world, the device or the tree cannot be used.
@@ -94,7 +96,8 @@ class SceneData:
         self.interval_s = world.camera.shutter_s if interval_s is None else interval_s
         if instants:
             self.interval_s = 0.0
-        self.features = scene_features(world, self.interval_s, instants)
+        light_cache = light_cache if ahead is None else ahead.light_cache
+        self.features = scene_features(world, self.interval_s, instants, light_cache)
         if ahead is not None:
             self._compile(ahead)
         self._time_s: float | None = None

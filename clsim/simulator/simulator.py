@@ -221,7 +221,7 @@ class RigSimulator(Driver):
     def _scene_data(self) -> SceneData:
         render = next(iter(self._camera_pipelines.values())).stages.render
         longest_s = max(camera.shutter_s for camera in self.cameras.values())
-        return SceneData(self.world, render.device, render.tree, longest_s)
+        return SceneData(self.world, render.device, render.tree, longest_s, light_cache=render.light_cache)
 
     def _camera_pipeline(self, camera: str) -> CameraPipeline:
         require_choice("camera", camera, tuple(self._camera_pipelines))

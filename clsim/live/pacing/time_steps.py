@@ -72,7 +72,8 @@ class Retracing:
 
         if world.moving_s() == 0:
             return None
-        data = SceneData(world, self.render.device, self.render.tree, instants=True)
+        about = self.render.device, self.render.tree
+        data = SceneData(world, *about, instants=True, light_cache=self.render.light_cache)
         tracer = Retracer(data, self.render, lambda: self.views[-1], by_frames=self.way_px is None)
         return Looping(tracer, schedule) if schedule is not None and schedule.loop else tracer
 

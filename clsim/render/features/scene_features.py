@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from clsim.render.features.bsdf_kinds import KINDS
@@ -93,8 +95,19 @@ def camera_watches(world: World) -> bool:
     return stands_still(world.camera.motion) and not world.light_changes()
 
 
-def scene_features(world: World, interval_s: float, instants: bool = False) -> SceneFeatures:
-    """Return what the world needs on a device, over an interval of that length [s], or at several ``instants``."""
+def scene_features(world: World, interval_s: float, instants: bool = False, light_cache: bool = False) -> SceneFeatures:
+    """Return what the world needs on a device, over an interval of that length [s], or at several ``instants``.
+
+    With a ``light_cache`` direct light of few lamps is analytic: then these need no tree.
+    """
+    found = _features_of(world, interval_s, instants)
+    if light_cache:
+        without_tree = replace(found, light_tree=False)
+        found = without_tree if has_analytic_direct_light(without_tree, "mis", light_cache) else found
+    return found
+
+
+def _features_of(world: World, interval_s: float, instants: bool) -> SceneFeatures:
     meshes, materials = _used_meshes(world), _used_materials(world)
     kinds = {material.kind for material in materials} or {"diffuse"}
     uses = {use for material in materials for use in textures_of(material)}
@@ -146,4 +159,4 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
 
 def direct_light_is_analytic(world: World) -> bool:
     """Whether direct light is analytic at first hits, where light is cached; paths find the rest."""
-    return has_analytic_direct_light(scene_features(world, 0.0), "mis", light_cache=True)
+    return has_analytic_direct_light(scene_features(world, 0.0, light_cache=True), "mis", light_cache=True)
