@@ -90,6 +90,18 @@ def test_one_panel_is_one_light_and_two_are_several():
     assert not scene_features(lit, 0.0).light_tree
 
 
+def test_cached_light_needs_a_tree_where_lamps_are_more_than_eight_or_not_analytic():
+    glow = Material(emission=(1.0, 1.0, 1.0))
+    ground = hw.quad((-5, 0, 5), (10, 0, 0), (0, 0, -10))
+
+    def has_tree(panels, lamp=glow):
+        world = hw.world(ground, *(panel(2 * k, 0, 1) for k in range(panels)), materials=(GREY, lamp))
+        return scene_features(world, 0.0, light_cache=True).light_tree
+
+    assert [has_tree(panels) for panels in (1, 2, 4, 5)] == [False, False, False, True]
+    assert has_tree(2, replace(glow, alpha_mode="mask"))
+
+
 def street(number, seed=1):
     """A wide floor under lamps without size, and the irradiance of each pixel's middle in closed form."""
     rng = np.random.default_rng(seed)

@@ -164,6 +164,23 @@ def test_the_shadow_in_a_weak_lamps_light_is_seen_next_to_a_strong_ones():
 
 
 @pytest.mark.slow
+def test_cells_do_not_blur_the_shadows_of_several_panels():
+    """Four triangles; cells are two pixels wide, and wider ones take part where few paths are known."""
+    panels = [hw.quad((x, 3, -0.1), (0.2, 0, 0), (0, 0, 0.2), material=1) for x in (-1.2, 1.0)]
+    world = from_above()
+    world = replace(
+        world, meshes=(*world.meshes, *panels), materials=(hw.GREY, LAMP),
+        instances=(*world.instances, *(replace(world.instances[0], mesh=index) for index in (2, 3))),
+    )  # fmt: skip
+    cached = Run(world, spp=8, probe_spp=1, first_hit_rays=32, light_cache=True).fill(0)
+    cached, plain = (
+        np.log(np.maximum(np.tensordot(LUMINANCE, each.planes[:3], axes=1), 1e-3))
+        for each in (cached, hw.render(world, spp=1024, sampler="sobol"))
+    )
+    assert np.sqrt(np.mean((cached - plain) ** 2)) < 0.04
+
+
+@pytest.mark.slow
 def test_the_edge_of_a_sharp_cone_lies_within_pixels():
     """Light at one place in each pixel is all or nothing there."""
     pose = Static(hw.look_from((0, 5, 0), (0, 0, 0), up=(0.3, 0, -1)))
