@@ -32,7 +32,8 @@ CONVENTIONS = """
 
 **The seen surface** is the first surface that a ray hits, lamps included. If this surface is a perfect mirror or
 clear glass, the ray continues, and the seen surface is the one seen in the mirror or through the glass; albedo,
-normal and depth are those of that surface. (`follow_specular = false` in a `--config` file switches this off.) Where
+normal and depth are those of that surface. Where light is cached, glossy metal (roughness up to .7, without a
+normal map) counts as a mirror. (`follow_specular = false` in a `--config` file switches this off.) Where
 a mirror shows nothing but the sky, the mirror itself is the seen surface. A spherical lamp has albedo 0.
 
 **Frames with first-hit rays** take albedo, normal, depth, coverage and emission from first-hit rays: primary rays
