@@ -157,7 +157,8 @@ def make_trace(
                 if wp.static(features.follow_specular):
                     followed = bsdf.mirror
                     if wp.static(features.follow_gloss):
-                        followed = followed or bsdf.glossy
+                        # Gloss seen in gloss is blurred anyway, and rays through both are noisy.
+                        followed = followed or (bsdf.glossy and not sample.spread)
                     if wp.static(features.blends):
                         followed = followed and scene.materials.rows[point.material].blend_with < 0
                     if wp.static(features.follow_gloss):
