@@ -17,7 +17,7 @@ from clsim.render.primary.lamp_light import same_light
 from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import SHARE_ERROR, refine_primary_rays
 from clsim.render.primary.seen_surfaces import MOST_SURFACES, SeenSurface, store_surfaces
-from clsim.render.primary.shadow_rays import Shadow, Shadows
+from clsim.render.primary.shadow_rays import Shadow, Shadows, asks_neighbours
 from clsim.render.sampling import sampling
 
 _ROW, _FIRST = wp.constant(4), wp.constant(5)
@@ -102,7 +102,8 @@ def make_retraced(
         column = pixel - line * settings.width
         i = wp.where(primary_rays.steps > 0 and not before.counted, 0, _LAST)
         while i <= _LAST:
-            if i == 4 and not (wp.static(wide_lamps) and _are_lit_alike(corners)):
+            around = wp.static(wide_lamps) or asks_neighbours(scene.lights)
+            if i == 4 and not (around and _are_lit_alike(corners)):
                 i = int(_LAST)
             place = corner_near(i)
             x = column + place[0]

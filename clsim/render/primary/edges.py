@@ -14,6 +14,7 @@ from clsim.render.native import native_code
 from clsim.render.primary.corners import corner_at, corner_near
 from clsim.render.primary.lamp_light import same_light, same_share
 from clsim.render.primary.seen_surfaces import same_colour, same_surface
+from clsim.render.primary.shadow_rays import asks_neighbours
 from clsim.render.sampling import sampling
 
 _OFF_LINE_PX = wp.constant(0.05)
@@ -167,7 +168,7 @@ def off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> b
 def _is_lit_otherwise_around(corners: wp.array[Sample], nearest: int, row: int, asker: int, pixel: wp.vec2) -> bool:
     """Whether another share of the lamps' light than at ``asker`` reaches its surface at a corner next to the pixel's.
 
-    Each corner asks for one place on a lamp alone. In a soft shadow all four may find theirs free, or none.
+    Each corner asks for one place on one lamp alone. In a soft shadow all four may find theirs free, or none.
     """
     column = nearest % row
     line = nearest // row
@@ -283,7 +284,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         edge.plain = sound and edge.marks == 0
         edge.flat = sound and edge.by_colour and one_material and flat(scene, first)
         edge.alone = one_triangle
-        if wp.static(wide_lamps):
+        if wp.static(wide_lamps) or asks_neighbours(scene.lights):
             if (edge.plain or edge.flat) and not edge.shaded and corners[asker].lamp_all > 0.0:
                 edge.shaded = _is_lit_otherwise_around(corners, nearest, row, asker, pixel)
         # A box that juts out between two corners is mostly empty there: a ray or two inside would see no more of it.

@@ -39,6 +39,7 @@ from clsim.render.primary.shadow_rays import (
     Shadow,
     Shadows,
     are_told,
+    corner_kind,
     next_that_differs,
     off_straight,
     start_at,
@@ -109,13 +110,6 @@ def _extend(reach: wp.array[Reach], sample: Sample) -> None:
 def _pixel_below(corner: int, width: int) -> int:
     """Return a pixel that has that corner at its top: of its number, but for a row's last."""
     return corner // (width + 1) * width + wp.min(corner % (width + 1), width - 1)
-
-
-@wp.func
-def _rim_of(corner: int, width: int) -> int:
-    """Return which place on a lamp's rim a corner asks for: each of a pixel's four asks another one."""
-    line = corner // (width + 1)
-    return ((corner - line * (width + 1)) & 1) + 2 * (line & 1)
 
 
 @wp.func
@@ -374,7 +368,7 @@ def make_sample_primary(
             to_lamps = wp.where(places, AT_NONE, AT_ANY)
             if wp.static(edges):
                 if corner >= 0:
-                    to_lamps = _rim_of(corner, settings.width)
+                    to_lamps = corner_kind(corner % (settings.width + 1), corner // (settings.width + 1))
             # Rays inside a pixel that shows many surfaces share its area, and so the textures in it.
             width = primary_rays.pixel / wp.sqrt(float(primary_rays.most))
             if corner >= 0 or places or edge[0].flat:

@@ -93,12 +93,26 @@ def off_straight(shadows: Shadows, ray: int, lamp_all: float, lamp_lit: float) -
 
 
 @wp.func
+def corner_kind(x: int, y: int) -> int:
+    """Return what a corner asks for, 0 … 7: each of a pixel's four asks another place on a lamp, each of eight in two
+    rows another lamp."""
+    return (x & 1) + 2 * (y & 1) + 2 * (x & 2)
+
+
+@wp.func
+def asks_neighbours(lights: Lights) -> bool:
+    """Whether there are more lamps than a pixel has corners, so that those around it ask for the others."""
+    return lights.first_environment > 4
+
+
+@wp.func
 def _rim_draw(lights: Lights, corner: int) -> float:
-    """Return the number in 0 … 1 by which the lamp is drawn that a corner asks, 0 … 3.
+    """Return the number in 0 … 1 by which the lamp is drawn that a corner of that kind asks.
 
     They take turns among the lamps, whatever their power: where all seems plain, no other ray asks for shadows.
     """
-    light = corner % lights.first_environment
+    kind = wp.where(asks_neighbours(lights), corner, corner & 3)
+    light = kind % lights.first_environment
     middle = lights.cumulative[light] - 0.5 * lights.probability[light]
     return wp.min(middle, lights.cumulative[lights.first_environment - 1] - STEP)  # type: ignore[no-any-return]
 
@@ -109,7 +123,8 @@ def _rim_place(corner: int) -> wp.vec2:
 
     It lies near the rim, for there what shades a lamp begins; the last is a triangle's corner and a sphere's middle.
     """
-    return wp.vec2(wp.where(corner == 3, 0.02, 0.98), wp.min(0.05 + 0.33 * float(corner), 0.98))
+    place = corner & 3
+    return wp.vec2(wp.where(place == 3, 0.02, 0.98), wp.min(0.05 + 0.33 * float(place), 0.98))
 
 
 @wp.struct

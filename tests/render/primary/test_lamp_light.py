@@ -181,6 +181,23 @@ def test_cells_do_not_blur_the_shadows_of_several_panels():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("lamps", [6, 8])
+def test_the_shadow_of_each_of_several_lamps_is_sharp(lamps):
+    """More suns than a pixel has corners: those around it ask for the others."""
+    suns = []
+    for turn in np.arange(lamps) * 2 * np.pi / lamps:
+        pose = Static(hw.look_from((0.8 * np.cos(turn), 1, 0.8 * np.sin(turn)), (0, 0, 0), up=(0.1, 0, 1)))
+        suns.append(PunctualLight("directional", (0.4,) * 3, pose))
+    world = from_above(punctual_lights=tuple(suns))
+    cached = Run(world, spp=8, probe_spp=1, max_depth=2, first_hit_rays=32, light_cache=True).fill(0)
+    cached, plain = (
+        np.log(np.maximum(np.tensordot(LUMINANCE, each.planes[:3], axes=1), 1e-3))
+        for each in (cached, hw.render(world, spp=1024, sampler="sobol", max_depth=2))
+    )
+    assert np.sqrt(np.mean((cached - plain) ** 2)) < 0.045
+
+
+@pytest.mark.slow
 def test_the_edge_of_a_sharp_cone_lies_within_pixels():
     """Light at one place in each pixel is all or nothing there."""
     pose = Static(hw.look_from((0, 5, 0), (0, 0, 0), up=(0.3, 0, -1)))
