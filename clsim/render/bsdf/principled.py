@@ -13,7 +13,7 @@ from clsim.render.surfaces.materials import Bsdf
 from clsim.render.surfaces.microfacet import SMOOTH, ggx, reflected, sample_visible_normal, schlick, smith_lambda
 
 _ONE = wp.constant(wp.vec3(1.0, 1.0, 1.0))
-_COAT_F0 = wp.constant(0.04)
+COAT_F0 = wp.constant(0.04)
 
 
 @wp.struct
@@ -27,7 +27,8 @@ class Lobes:
 
 
 @wp.func
-def _dielectric_f0(b: Bsdf) -> wp.vec3:
+def dielectric_f0(b: Bsdf) -> wp.vec3:
+    """Return what a dielectric reflects straight back."""
     r = (b.eta - 1.0) / (b.eta + 1.0)
     f0 = b.specular * (r * r)
     return wp.vec3(wp.min(f0[0], 1.0), wp.min(f0[1], 1.0), wp.min(f0[2], 1.0))
@@ -37,7 +38,7 @@ def _dielectric_f0(b: Bsdf) -> wp.vec3:
 def _fresnel_dielectric(b: Bsdf, cosine: float) -> wp.vec3:
     """KHR_materials_specular: a factor of 0 takes the reflection at grazing angles, too."""
     grazing = wp.min(wp.max(b.specular[0], wp.max(b.specular[1], b.specular[2])), 1.0)
-    f0 = _dielectric_f0(b)
+    f0 = dielectric_f0(b)
     m = wp.clamp(1.0 - cosine, 0.0, 1.0)
     m2 = m * m
     return f0 + (wp.vec3(grazing, grazing, grazing) - f0) * (m2 * m2 * m)
@@ -49,10 +50,11 @@ def _fresnel_base(b: Bsdf, cosine: float) -> wp.vec3:
 
 
 @wp.func
-def _under_coat(b: Bsdf, cosine: float) -> float:
+def under_coat(b: Bsdf, cosine: float) -> float:
+    """Return the share of light that a clear coat lets pass in a direction."""
     m = wp.clamp(1.0 - cosine, 0.0, 1.0)
     m2 = m * m
-    return 1.0 - b.clearcoat * (_COAT_F0 + (1.0 - _COAT_F0) * m2 * m2 * m)
+    return 1.0 - b.clearcoat * (COAT_F0 + (1.0 - COAT_F0) * m2 * m2 * m)
 
 
 @wp.func
@@ -65,17 +67,28 @@ def passing_principled(b: Bsdf, cosine: float) -> float:
     m = 1.0 - c
     m5 = m * m * m * m * m
     flat = 1.0 / 21.0 - m5 * m / 3.0 + 2.0 * m5 * m * m / 7.0 + (1.0 - c * c) * m5
-    f0 = _dielectric_f0(b)
+    f0 = dielectric_f0(b)
     normal = (f0[0] + f0[1] + f0[2]) / 3.0
     grazing = wp.min(wp.max(b.specular[0], wp.max(b.specular[1], b.specular[2])), 1.0)
-    under = _under_coat(b, c)
+    under = under_coat(b, c)
     return (1.0 - (normal + (grazing - normal) * flat) * (1.0 - b.metallic)) * under * under
+
+
+@wp.func
+def passing_principled_from(b: Bsdf, out: float, into: float) -> float:
+    """Return how much more light passes to the base, and back in a direction, than of light from all around.
+
+    ``out`` and ``into`` are the cosines of both ways. Times `passing_principled` it is the share of light from there.
+    """
+    f = _fresnel_dielectric(b, wp.min(out, into))
+    share = (1.0 - (f[0] + f[1] + f[2]) / 3.0 * (1.0 - b.metallic)) * under_coat(b, out) * under_coat(b, into)
+    return share / wp.max(passing_principled(b, out), 1.0e-6)
 
 
 @wp.func
 def _lobes(b: Bsdf, wo: wp.vec3) -> Lobes:
     lobes = Lobes()
-    under = _under_coat(b, wo[2])
+    under = under_coat(b, wo[2])
     lobes.coat = 1.0 - under
     lobes.base = under * luminance(_fresnel_base(b, wo[2]))
     entering = under * (1.0 - b.metallic) * luminance(wp.cw_mul(b.color, _ONE - _fresnel_dielectric(b, wo[2])))
@@ -106,7 +119,7 @@ def principled_value(b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
     if cosine > 0.0:
         lobes = _lobes(b, wo)
         mirrored = wp.vec3(wi[0], wi[1], cosine)
-        under = _under_coat(b, wo[2]) * _under_coat(b, cosine)
+        under = under_coat(b, wo[2]) * under_coat(b, cosine)
         entering = wp.cw_mul(b.color, _ONE - _fresnel_dielectric(b, wp.min(wo[2], cosine))) * (
             (1.0 - b.metallic) * under
         )
@@ -122,7 +135,7 @@ def principled_value(b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
             result.pdf = lobes.diffuse * lambert + lobes.base * base[1]
             if b.clearcoat > 0.0 and b.clearcoat_alpha >= SMOOTH:
                 coat = _microfacets(wo, wi, b.clearcoat_alpha)
-                share = (1.0 - _under_coat(b, coat[2])) * coat[0]
+                share = (1.0 - under_coat(b, coat[2])) * coat[0]
                 result.value += wp.vec3(share, share, share)
                 result.pdf += lobes.coat * coat[1]
     return result
@@ -135,12 +148,12 @@ def principled_sample(b: Bsdf, wo: wp.vec3, choice: float, u: wp.vec2) -> Scatte
     s.eta2 = 1.0
     lobes = _lobes(b, wo)
     mirrored = wp.vec3(-wo[0], -wo[1], wo[2])
-    under = _under_coat(b, wo[2]) * _under_coat(b, wo[2])
+    under = under_coat(b, wo[2]) * under_coat(b, wo[2])
     if choice < lobes.coat:
         if b.clearcoat_alpha < SMOOTH:
             s.direction = mirrored
             s.delta = True
-            s.weight = _ONE * ((1.0 - _under_coat(b, wo[2])) / lobes.coat)
+            s.weight = _ONE * ((1.0 - under_coat(b, wo[2])) / lobes.coat)
         else:
             s.direction = reflected(wo, sample_visible_normal(wo, b.clearcoat_alpha, u))
     elif choice < lobes.coat + lobes.base:

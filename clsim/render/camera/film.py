@@ -26,15 +26,15 @@ class Sample:
     ``coat`` for its albedo.
 
     ``lamp`` is whether direct light is analytic (``lamp_light.py``); under a coat, ``coated_by`` is the number of its
-    material from 1. A shadow ray to a place on a lamp carries
-    ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``boxed`` is whether the first ray went into
-    the box around an instance, or met a lamp; ``bent``, whether a mirror, gloss or glass sent it on, and
-    ``spread``, whether gloss did. Where what pixels saw is
-    stored, ``position`` of the sky is far away.
+    material from 1. A shadow ray to a place on a lamp carries ``lamp_all`` if nothing stands between, else
+    ``lamp_lit``; of that the coat reflects ``coat_all``, or ``coat_lit``. ``boxed`` is whether the first ray went into
+    the box around an instance, or met a lamp; ``bent``, whether a mirror, gloss or glass sent it on, and ``spread``,
+    whether gloss did. Where what pixels saw is stored, ``position`` of the sky is far away.
 
     Where cells lie on what moves, ``instance`` is what was hit, −1 for none; ``rest`` and ``rest_normal`` are where
     that place is, and its normal, while the instance rests. Of a path, ``met_triangle`` and ``weights``
-    tell that place too, and ``toward`` is the direction in which it was met; ``places`` are those of its trail.
+    tell that place too; ``places`` are those of its trail. ``toward`` is the direction in which it was met, also of a
+    primary ray that met a coat.
     """
 
     radiance: wp.vec3
@@ -51,6 +51,8 @@ class Sample:
     coated_by: int
     lamp_all: float
     lamp_lit: float
+    coat_all: float
+    coat_lit: float
     instance: int
     rest: wp.vec3
     rest_normal: wp.vec3

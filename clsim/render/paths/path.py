@@ -17,7 +17,6 @@ from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import foresee_environment
 from clsim.render.emitters.light_tree import make_receiver
 from clsim.render.emitters.lights import NEVER
-from clsim.render.features.bsdf_kinds import PLASTIC
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.paths.path_lights import Carried
@@ -183,11 +182,10 @@ def make_trace(
                     sample.triangle = wp.where(alone, 1 + hit.triangle + hit.instance * 65537, 0)
                 if wp.static(features.lamp_light):
                     analytic = was_primary and not primary and is_analytic(scene.materials, bsdf, point.material)
-                    if wp.static(features.coats):
-                        # A path that finds what the coat reflects finds all of it.
-                        analytic = analytic and not sample.in_coat
-                        if analytic and bsdf.kind == PLASTIC:
+                    if wp.static(features.coats and primary_only):
+                        if analytic and coat[0] > 0.0:
                             sample.coated_by = point.material + 1
+                            sample.toward = direction
                     sample.lamp = sample.lamp or analytic
                 if wp.static(primary_only):
                     if not primary:

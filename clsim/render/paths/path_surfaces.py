@@ -35,7 +35,7 @@ def make_is_analytic(features: Features) -> Any:
             found = found or (bsdf.kind == PLASTIC and not bsdf.dark and even)
             # Cells know the mean light of all that a normal map bends; to see each bend would take many rays.
             even = even and row.normal_texture < 0 and row.bump_texture < 0
-            lambertian = bsdf.metallic == 0.0 and bsdf.transmission == 0.0
+            lambertian = row.metallic == 0.0 and row.transmission == 0.0
             found = found or (bsdf.kind == PRINCIPLED and not bsdf.dark and even and lambertian)
         return found
 

@@ -74,6 +74,9 @@ def between_corners(corners: wp.array[Sample], nearest: int, row: int, place: wp
         start.reach_m = wp.max(start.reach_m, corners[k].reach_m)
     start.position = start.position / total  # type: ignore[assignment]
     start.normal = wp.normalize(start.normal)  # type: ignore[assignment]
+    start.coated_by = corners[nearest].coated_by
+    eye = corners[nearest].position - corners[nearest].toward * corners[nearest].depth
+    start.seen_from = wp.normalize(eye - start.position)
     return start
 
 
@@ -117,6 +120,8 @@ def centre_surface(
             corner = corners[nearest + (i & 1) + (i // 2) * row]
             surfaces[0].lamp_all += corner.lamp_all
             surfaces[0].lamp_lit += corner.lamp_lit
+            surfaces[0].coat_all += corner.coat_all
+            surfaces[0].coat_lit += corner.coat_lit
     d = corners[nearest].depth + corners[nearest + 1].depth
     surfaces[0].depth = 0.25 * (d + corners[nearest + row].depth + corners[nearest + row + 1].depth)
 

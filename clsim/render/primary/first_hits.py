@@ -261,7 +261,7 @@ def make_sample_primary(
         number: int,
         told: bool,
         shadows: Shadows,
-        more_light: float,
+        more_light: wp.vec2,
         shadow: Shadow,
         surfaces: wp.array[SeenSurface],
     ) -> Seen:
@@ -278,14 +278,22 @@ def make_sample_primary(
         if wp.static(records):
             if told:
                 most = straight(shadows, shadows.before.lamp_all, shadows.after.lamp_all)
-                lit = straight(shadows, shadows.before.lamp_lit, shadows.after.lamp_lit) + more_light
+                lit = straight(shadows, shadows.before.lamp_lit, shadows.after.lamp_lit) + more_light[0]
                 surfaces[0].lamp_all = most
                 surfaces[0].lamp_lit = wp.clamp(lit, 0.0, most)
+                if wp.static(coats):
+                    most = straight(shadows, shadows.before.coat_all, shadows.after.coat_all)
+                    lit = straight(shadows, shadows.before.coat_lit, shadows.after.coat_lit) + more_light[1]
+                    surfaces[0].coat_all = most
+                    surfaces[0].coat_lit = wp.clamp(lit, 0.0, most)
             elif inside <= MOST_TOLD:
                 seen.shadow = shadow
                 seen.shadow.rays = wp.where(edge[0].shaded, inside, 0)
                 seen.shadow.lamp_all = surfaces[0].lamp_all
                 seen.shadow.lamp_lit = surfaces[0].lamp_lit
+                if wp.static(coats):
+                    seen.shadow.coat_all = surfaces[0].coat_all
+                    seen.shadow.coat_lit = surfaces[0].coat_lit
                 if not edge[0].shaded:
                     seen.shadow.lit_rays = wp.uint64(wp.where(surfaces[0].lamp_lit > 0.0, 1, 0))
         if wp.static(light_surfaces is not None):
@@ -331,7 +339,7 @@ def make_sample_primary(
         # Where it is told, only rays are traced that differ between the frames around; they find so much more light.
         told = bool(False)
         skipped = int(0)
-        more_light = float(0.0)
+        more_light = wp.vec2()
         shadow = Shadow()
         if wp.static(records):
             if edge[0].alone and (edge[0].plain or edge[0].flat):
@@ -391,6 +399,9 @@ def make_sample_primary(
                     light = shadow_ray(scene, start, to_lamps, stream, float(instant))
                     sample.lamp_all = light[0]
                     sample.lamp_lit = light[1]
+                    if wp.static(coats):
+                        sample.coat_all = light[2]
+                        sample.coat_lit = light[3]
             if wp.static(edges):
                 if corner >= 0:
                     corners[nearest] = sample
@@ -411,7 +422,7 @@ def make_sample_primary(
                             inside = 0
                             continue
                     if told:
-                        more_light += off_straight(shadows, inside, sample.lamp_all, sample.lamp_lit)
+                        more_light += off_straight(shadows, inside, sample)
                     if sample.lamp_lit > 0.0 and inside < MOST_TOLD:
                         shadow.lit_rays |= wp.uint64(1) << wp.uint64(inside)
                 inside = inside + 1
@@ -419,6 +430,9 @@ def make_sample_primary(
                     if not told:
                         surfaces[0].lamp_all += sample.lamp_all
                         surfaces[0].lamp_lit += sample.lamp_lit
+                        if wp.static(coats):
+                            surfaces[0].coat_all += sample.coat_all
+                            surfaces[0].coat_lit += sample.coat_lit
                 elif is_sound(sample) and not told:
                     number = _take_in(
                         surfaces, number, edge, sample, place, footprint, corners[nearest], primary_rays.pixel, coats

@@ -43,6 +43,7 @@ class SeenSurface:
         albedo, coat, passing, emission, position, normal, depth: sums over these rays, and means in the end; albedo is
             `lit_albedo`, and all but emission are 0 where nothing was hit.
         lamp_all, lamp_lit: sums of what its rays' ways to lamps carry.
+        coat_all, coat_lit: sums of what of that the coat reflects.
         from_lamps: the part of ``emission`` that is direct light, once that was added.
         rest: as the position, while what is seen rests.
         squares: mean of the squares of what its rays found of ``emission``, in luminance, where gloss shows it.
@@ -60,6 +61,8 @@ class SeenSurface:
     depth: float
     lamp_all: float
     lamp_lit: float
+    coat_all: float
+    coat_lit: float
     from_lamps: wp.vec3
     rest: wp.vec3
     squares: float
@@ -163,6 +166,9 @@ def add_to_surface(surfaces: wp.array[SeenSurface], k: int, sample: Sample, coat
         surfaces[k].squares += _squared(sample.emission)
     surfaces[k].lamp_all += sample.lamp_all
     surfaces[k].lamp_lit += sample.lamp_lit
+    if coats:
+        surfaces[k].coat_all += sample.coat_all
+        surfaces[k].coat_lit += sample.coat_lit
     if sample.hit:
         surfaces[k].albedo += lit_albedo(sample)
         if coats:

@@ -1,3 +1,4 @@
+# ruff: noqa: SIM102
 """Shadow rays: from what a pixel shows to places on lamps, and which arrive there, as Warp functions.
 
 Each primary ray may send one. A pixel in a soft shadow that shows one triangle needs many shadow rays, but few primary
@@ -11,6 +12,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render.accel.geometry import Surface
+from clsim.render.bsdf.reflections import reflected_by_coats
 from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import STEP
 from clsim.render.emitters.light_tree import Receiver
@@ -37,6 +39,7 @@ class Shadow:
         rays: how many asked.
         lit_rays: bit i is set if ray i reached a lamp.
         lamp_all, lamp_lit: sums of what their ways to lamps carry, if nothing stood between, and as it is.
+        coat_all, coat_lit: the same of what the coat reflects.
     """
 
     triangle: int
@@ -44,6 +47,8 @@ class Shadow:
     lit_rays: wp.uint64
     lamp_all: float
     lamp_lit: float
+    coat_all: float
+    coat_lit: float
 
 
 @wp.struct
@@ -86,10 +91,11 @@ def straight(shadows: Shadows, before: float, after: float) -> float:
 
 
 @wp.func
-def off_straight(shadows: Shadows, ray: int, lamp_all: float, lamp_lit: float) -> float:
-    """Return by how much more light a ray found than lies on the line between its frames."""
+def off_straight(shadows: Shadows, ray: int, sample: Sample) -> wp.vec2:
+    """Return by how much more light a ray found than lies on the line between its frames, and the coat of it."""
     before = bit_of(shadows.before.lit_rays, ray)
-    return lamp_lit - lamp_all * straight(shadows, before, bit_of(shadows.after.lit_rays, ray))
+    lit = straight(shadows, before, bit_of(shadows.after.lit_rays, ray))
+    return wp.vec2(sample.lamp_lit - sample.lamp_all * lit, sample.coat_lit - sample.coat_all * lit)
 
 
 @wp.func
@@ -129,12 +135,17 @@ def _rim_place(corner: int) -> wp.vec2:
 
 @wp.struct
 class ShadowStart:
-    """Where shadow rays start: a place, its shading normal, how its triangle faces, and its largest coordinate."""
+    """Where shadow rays start: a place, its shading normal, how its triangle faces, and its largest coordinate.
+
+    Where it is ``coated_by`` the material of that number from 1, ``seen_from`` is the direction to the eye.
+    """
 
     position: wp.vec3
     normal: wp.vec3
     facing: wp.vec3
     reach_m: float
+    coated_by: int
+    seen_from: wp.vec3
 
 
 @wp.func
@@ -145,20 +156,22 @@ def start_at(sample: Sample) -> ShadowStart:
     start.normal = sample.normal
     start.facing = sample.facing
     start.reach_m = sample.reach_m
+    start.coated_by = sample.coated_by
+    start.seen_from = -sample.toward
     return start
 
 
 def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibility: Any) -> Any:
-    """Return the Warp function ``shadow_ray(scene, start, to_lamps, stream, time) -> wp.vec2``.
+    """Return the Warp function ``shadow_ray(scene, start, to_lamps, stream, time) -> wp.vec4``.
 
-    It goes to a place on a lamp. It returns the luminance of that light if nothing stood
-    between, over the density of the place, and what of it arrives. Of the lamps alone: which rays meet the bright
+    It goes to a place on a lamp. It returns the luminance of that light if nothing stood between, over the density of
+    the place, and what of it arrives; then both of what a coat reflects. Of the lamps alone: which rays meet the bright
     squares of a texture makes no shadow.
     """
     uniform2 = make_sampler(features.sobol)
 
     @wp.func(inline=True)
-    def shadow_ray(scene: Scene, start: ShadowStart, to_lamps: int, stream: sampling.Stream, time: float) -> wp.vec2:
+    def shadow_ray(scene: Scene, start: ShadowStart, to_lamps: int, stream: sampling.Stream, time: float) -> wp.vec4:
         point = Surface()
         point.position = start.position
         point.normal = start.facing
@@ -176,14 +189,22 @@ def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibilit
             others = wp.max(scene.lights.environment_probability, NEVER)
             draw = uniform2(stream, _DIMENSIONS + sampling.CHOICE)[0] * (1.0 - others)
             u = uniform2(stream, _DIMENSIONS + sampling.LIGHT)
-        found = wp.vec2()
+        found = wp.vec4()
         # Few enough lamps that none is drawn by a tree, which alone takes a finer number.
         light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, draw, 0.0, u, time)
         if light.pdf > 0.0 and agree(point, light.direction):
             facing = wp.max(wp.dot(light.direction, start.normal), 0.0)
             found[0] = sampling.luminance(light.radiance) * facing / light.pdf
             if found[0] > 0.0:
-                found[1] = found[0] * visibility(scene, light.origin, light.direction, light.distance, time)
+                if wp.static(features.coats):
+                    if start.coated_by > 0:
+                        share = reflected_by_coats(
+                            scene.materials, start.coated_by - 1, start.normal, start.seen_from, light.direction
+                        )
+                        found[2] = sampling.luminance(wp.cw_mul(light.radiance, share)) / light.pdf
+                lit = visibility(scene, light.origin, light.direction, light.distance, time)
+                found[1] = found[0] * lit
+                found[3] = found[2] * lit
         return found
 
     return shadow_ray

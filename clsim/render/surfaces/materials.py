@@ -85,11 +85,15 @@ class MaterialRow:
 
 @wp.struct
 class Materials:
-    """All materials and textures; ``transmittance`` holds the tables of rough plastics (``plastic_tables``)."""
+    """All materials and textures; ``transmittance`` holds the tables of rough plastics (``plastic_tables``).
+
+    ``reflections`` is the table of what coats reflect of lamps (``reflection_table``), where there are any.
+    """
 
     rows: wp.array[MaterialRow]
     textures: Textures
     transmittance: wp.array[float]
+    reflections: wp.array[float]
 
 
 @wp.struct

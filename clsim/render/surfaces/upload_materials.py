@@ -13,6 +13,7 @@ from clsim.render.features.bsdf_kinds import NUMBERS
 from clsim.render.features.scene_features import has_roughness, passes_light, used_textures
 from clsim.render.surfaces.materials import BLEND, MASK, OPAQUE, MaterialRow, Materials
 from clsim.render.surfaces.plastic_tables import coat, coats
+from clsim.render.surfaces.reflection_table import reflections
 from clsim.render.textures.texture_data import CLAMP, MIRROR, REPEAT, TextureRow, Textures, mat23
 from clsim.scene import CheckerTexture, Material, World
 
@@ -27,6 +28,8 @@ def upload_materials(world: World, device: Any) -> Any:
     rows = [_row(material, tables) for material in world.materials] or [MaterialRow()]
     materials.rows = _structs(rows, MaterialRow, device)
     materials.transmittance = array(np.concatenate(tables) if tables else [], wp.float32, device)
+    coated = any(material.kind in ("plastic", "principled") for material in world.materials)
+    materials.reflections = array(reflections().ravel() if coated else [], wp.float32, device)
     materials.textures = _textures(world, device)
     return materials
 

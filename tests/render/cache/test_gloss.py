@@ -1,4 +1,4 @@
-"""Glossy metals in cached light: what they reflect hangs on the direction from which they are seen."""
+"""Glossy metals and coats in cached light: what they reflect hangs on the direction from which they are seen."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.features.scene_features import may_be_glossy
-from clsim.scene import Material, Static
+from clsim.scene import Material, PunctualLight, SphereLight, Static
 from tests.render import hand_worlds as hw
 from tests.render.motion.test_blur import Glide
 
@@ -24,6 +24,30 @@ SOME = {
     "glTF's": Material(kind="principled", color=(0.9, 0.8, 0.6), metallic=1.0, alpha=0.2),
     "Disney's": Material(kind="disney", color=(0.9, 0.8, 0.6), metallic=1.0, alpha=0.3),
 }
+
+PLASTIC = Material(kind="plastic", color=(0.5, 0.3, 0.2), alpha=0.3)
+GLTF = Material(kind="principled", color=(0.5, 0.3, 0.2), alpha=0.1)
+COATED = {
+    "plastic below a panel": (PLASTIC, "panel", 0.12),
+    "glTF's below a panel": (GLTF, "panel", 0.18),
+    "plastic below a sphere": (PLASTIC, "sphere", 0.07),
+    "clear coat below a sphere": (replace(GLTF, alpha=0.4, clearcoat=1.0, clearcoat_alpha=0.1), "sphere", 0.11),
+    "plastic in the sun": (replace(PLASTIC, alpha=0.1), "sun", 0.06),
+    "a mirroring coat in the sun": (replace(PLASTIC, alpha=0.0), "sun", 0.05),
+}
+"""A material, what lights it, and how far off log brightness may be."""
+
+
+def lit_by(world, lamp):
+    """Return a world with another lamp than its panel."""
+    if lamp != "panel":
+        world = replace(world, meshes=world.meshes[:3], instances=world.instances[:3])
+    if lamp == "sphere":
+        world = replace(world, sphere_lights=(SphereLight(0.3, (14.0,) * 3, Static(hw.translation(0.6, 2.5, 0.6))),))
+    if lamp == "sun":
+        sun = PunctualLight("directional", (3.0,) * 3, Static(hw.look_from((0.6, 2.0, 1.2), (0, 0, 0))))
+        world = replace(world, punctual_lights=(sun,))
+    return world
 
 
 def world_of(material, sky):
@@ -72,6 +96,19 @@ def test_a_ball_that_moves_is_as_bright_as_paths_find(material, sky):
     off = (cached - paths)[on_ball]
     assert np.sqrt(np.mean(off**2)) < (0.05 if sky else 0.25)
     assert abs(off.mean()) < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("material", "lamp", "allowed"), COATED.values(), ids=COATED)
+def test_a_coated_ball_that_moves_is_as_bright_as_paths_find(material, lamp, allowed):
+    """Light that has no size is seen in no perfect mirror."""
+    world = lit_by(world_of(material, sky=False), lamp)
+    cached = brightness(world, CACHED, range(8))[[0, 7]]
+    paths = brightness(world, RenderOptions(spp=2048, sampler="sobol"), [0, 7])
+    on_ball = np.zeros(paths.shape, bool)
+    on_ball[0, 6:14, 6:12] = on_ball[1, 6:14, 14:20] = True
+    off = (cached - paths)[on_ball]
+    assert np.sqrt(np.mean(off**2)) < allowed
 
 
 @pytest.mark.slow

@@ -243,7 +243,9 @@ def test_under_a_coat_light_of_a_lamp_is_what_the_coat_lets_pass_from_there(alph
         Run(world, spp=1, max_depth=2, first_hit_rays=32, light_cache=True, seed=seed).fill(0).planes[:3, 1:-1, 1:-1]
         for seed in (0, 1)
     )
-    np.testing.assert_allclose(once.mean(axis=(1, 2)), plain.mean(axis=(1, 2)), rtol=0.015)
+    # A little of a rough coat's reflection is seen too, whose lobe is fitted.
+    rtol = 0.015 if alpha == 0 else 0.08
+    np.testing.assert_allclose(once.mean(axis=(1, 2)), plain.mean(axis=(1, 2)), rtol=rtol)
     if alpha == 0:
         # One path tells nothing of the lamp: all of it is known in closed form.
         np.testing.assert_allclose(once, again, rtol=0.001)
