@@ -19,10 +19,14 @@ OPTIONS = RenderOptions(
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def found():
+@pytest.fixture(scope="module", params=["diffuse", "coated"])
+def found(request):
     """Planes of all pixels of a step at three of its times, from both frames and by all rays; who is lit alike."""
     world = load_world("two-boxes", resolution=(WIDTH, HEIGHT))
+    if request.param == "coated":
+        coated = {"kind": "plastic", "alpha": 0.3}
+        materials = (replace(each, **({} if max(each.emission) else coated)) for each in world.materials)
+        world = replace(world, materials=tuple(materials))
     tracer = PathTracer(world, OPTIONS)
     frame = Frame(page_aligned((len(tracer.names), HEIGHT, WIDTH)), tracer.names)
     for index in (0, 1, 2, 3):
