@@ -195,6 +195,17 @@ def test_a_scene_that_cannot_be_is_told_without_the_hidden_folder(tmp_path):
     assert not any((tmp_path / "set" / "sequences").iterdir())
 
 
+@pytest.mark.slow
+def test_a_scene_that_asks_for_what_clsim_lacks_is_made_and_tells_so(tmp_path):
+    """It is not refused: of thousands of scenes a few may ask for what is left out."""
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\ncurv 0 1 1 2 3\n")
+    run = "frame_count = 2\nfps = 100\nresolution = [16, 12]\nquality = 'draft'"
+    thing = "[[scene.objects]]\nname = 'left'\nfile = 'a.obj'"
+    (tmp_path / "a.toml").write_text(f"[run]\n{run}\n[scene]\nbase = 'still'\n{thing}\n")
+    done = run_job(load_spec(str(tmp_path / "a.toml")), 0, str(tmp_path / "set"), None)
+    assert done.kept and done.warnings == ("a.obj: curves and curved surfaces are left out",)
+
+
 def test_a_dry_runs_sheet_is_in_nobodys_way(tmp_path):
     out = tmp_path / "set"
     out.mkdir()

@@ -184,6 +184,10 @@ def test_files_lie_beside_the_specification(tmp_path, text):
         ("[run]\nsppp = 3", "run.sppp"),
         ("[run]\nseed = 3", "run.seed is no option of sequences"),
         ("[run]\noutputs = ['a.csv']", "run.outputs is no option of sequences"),
+        *(
+            (f"[run]\n{option} = 1", f"run.{option} is no option of sequences")
+            for option in ("strict", "threads", "opencl", "loop", "pace", "governor", "ring")
+        ),
         ("split = { a = 0.5, b = 0.49 }", "add up to 1"),
         ("split = { a = 'x' }", "split must have a share"),
         ("[reject]\nflow_p95_px = [0, 1]", "needs run.truth to hold 'flow'"),
