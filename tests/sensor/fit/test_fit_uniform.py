@@ -79,7 +79,9 @@ def test_thresholds_photons_and_leak_are_found(tmp_path):
     expected = [max(0.0, each.on_hz[0] - leak) for each, leak in zip(rates, leaks, strict=True)]
     assert noise.on_hz == pytest.approx(expected, rel=1e-4)
     assert (errors_off(found) < 3.5).all(), found
-    assert found.on[1] < 0.01 and found.photons_per_lux[1] < 0.15 and found.leak_hz_per_lux[1] < 0.002
+    errors = [getattr(found, name)[1] for name in ("on", "off", "photons_per_lux", "dark_photons", "look_s")]
+    assert (np.array(errors) < (0.01, 0.01, 0.2, 0.1, 1e-4)).all(), found
+    assert found.leak_hz[1] < 0.4 and found.leak_hz_per_lux[1] < 0.002
     assert found.misfit < 1.5
 
 
@@ -89,7 +91,7 @@ def test_errors_are_as_large_as_they_say():
     inside = (off < 2).mean(axis=0)
     # 95 of 100; of 30, 24 and more in all but one of ten thousand.
     assert (inside >= 0.8).all(), inside
-    assert np.median(off) > 0.3  # nor much larger
+    assert (np.median(off, axis=0) > 0.3).all()  # nor much larger, of any number
 
 
 @pytest.mark.slow
