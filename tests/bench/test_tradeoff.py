@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from clsim.bench.tradeoff.settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Poi
 from clsim.bench.tradeoff.stopwatch import peak_memory_bytes
 from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
 from clsim.cli.output.tradeoff_tables import markdown_text
+from clsim.datasets.scene_file import scene_text
 from clsim.errors import InputError
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
@@ -140,6 +142,23 @@ def test_a_point_is_what_a_live_run_gives(results: dict[str, Any]) -> None:
 
     batches = clsim.stream("two-boxes", method="esim-ad", spp=2, resolution=(16, 12), duration_s=0.15, fps=20.0)
     assert results["points"][1]["events"] == sum(len(batch) for batch in batches)
+
+
+@pytest.mark.slow
+def test_a_sweep_has_the_scenes_threshold_of_off_events(tmp_path: Path) -> None:
+    """It is told, and fewer events fall to a larger one: in the reference, the ceiling and all points."""
+    found = []
+    for off in (0.2, 0.5):
+        scene = tmp_path / f"{off}.toml"
+        scene.write_text(scene_text({"base": "two-boxes", "sensor": {"threshold_off": off}}))
+        found.append(run_tradeoff(replace(options(tmp_path, points=POINTS[:1]), scene=scene), ignore))
+    assert [(each["threshold_on"], each["threshold_off"]) for each in found] == [(0.2, 0.2), (0.2, 0.5)]
+    for one, other in (
+        [each["reference"]["events"]["interpolated"] for each in found],
+        [each["ceiling"]["interpolated"]["events"] for each in found],
+        [each["points"][0]["events"] for each in found],
+    ):
+        assert one > 1.2 * other > 0
 
 
 @pytest.mark.slow
