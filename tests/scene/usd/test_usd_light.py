@@ -1,6 +1,7 @@
 """Materials and lamps of USD files: what they are in clsim."""
 
 import math
+import zipfile
 
 import numpy as np
 import PIL.Image
@@ -238,6 +239,29 @@ def test_a_tube_has_the_area_of_its_round_side(tmp_path):
     assert np.linalg.norm(sides, axis=1).sum() / 2 == pytest.approx(2 * math.pi * 0.5 * 3, rel=1e-5)
 
 
+@pytest.mark.parametrize("metres", ["1", "0.01"])
+def test_a_normalised_sphere_shines_as_brightly_however_small_it_is(tmp_path, metres):
+    """Of no size at all it is a point whose intensity is π·r² of the radiance of a small one."""
+    told = "float inputs:intensity = 8\nbool inputs:normalize = 1\nfloat inputs:radius ="
+    text = f'def SphereLight "small" {{ {told} 0.01 }}\ndef SphereLight "none" {{ {told} 0 }}'
+    world = lamps(tmp_path, text, METRES.replace("= 1", f"= {metres}"))
+    (small,), (none,) = world.sphere_lights, world.punctual_lights
+    assert none.intensity == pytest.approx([math.pi * small.radius_m**2 * each for each in small.radiance])
+    assert (none.kind, none.intensity[0]) == ("point", pytest.approx(2 * float(metres) ** 2))
+
+
+@pytest.mark.parametrize("kind", ["DiskLight", "RectLight", "CylinderLight", "DistantLight"])
+def test_a_normalised_lamp_without_a_size_hinders_nothing(tmp_path, kind):
+    """A sun of no angle gives the light of any other; what has no area leaves all else as it is."""
+    sizes = "\n".join(f"float inputs:{size} = 0" for size in ("radius", "width", "height", "length", "angle"))
+    lamp = f'def {kind} "lamp" {{ {sizes}\nfloat inputs:intensity = 8\nbool inputs:normalize = 1 }}'
+    world = lamps(tmp_path, lamp)
+    assert "square" in [each.name for each in world.instances]
+    assert all(np.isfinite(each.emission).all() for each in world.materials)
+    suns = [each.intensity for each in world.punctual_lights if each.kind == "directional"]
+    assert suns == ([(8, 8, 8)] if kind == "DistantLight" else [])
+
+
 def test_light_changes_with_its_samples(tmp_path):
     text = 'def SphereLight "blink" { float inputs:intensity.timeSamples = { 10: 2, 22: 8, 34: 0 } }\ndef Camera "c" {}'
     world = lamps(tmp_path, text, f"{METRES}\n    {SECONDS}")
@@ -271,6 +295,27 @@ def test_the_dome_shows_each_direction_what_usd_says(tmp_path):
     spin = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 90 }")
     spun = lamps(tmp_path, (dome % "").replace(" }", f"\n{spin} }}"), f"{METRES}\n    {SECONDS}")
     assert any("the dome sky does not turn" in warning for warning in spun.warnings)
+
+
+@pytest.mark.parametrize(("meta", "pole"), [(METRES, (0, 1, 0)), (METRES.replace('"Y"', '"Z"'), (0, 0, -1))])
+def test_a_dome_without_a_pole_of_its_own_has_its_y_axis_for_one(tmp_path, meta, pole):
+    """UsdLux has poleAxis of DomeLight_1 alone; a DomeLight's pole is +y, whatever the stage's up axis is."""
+    PIL.Image.new("RGB", (4, 2)).save(tmp_path / "sky.png")
+    for more in ("", 'uniform token poleAxis = "Z"\n', 'uniform token poleAxis = "scene"\n'):
+        world = lamps(tmp_path, f'def DomeLight "sky" {{ {more}asset inputs:texture:file = @sky.png@ }}', meta)
+        assert world.environment_map.to_world @ (0, 1, 0) == pytest.approx(pole, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["sky.exr", "SKY.EXR", "Sky.Hdr"])
+def test_a_dome_whose_picture_of_light_is_packed_says_what_to_do(tmp_path, name):
+    text = usda(tmp_path, mesh() + f'def DomeLight "sky" {{ asset inputs:texture:file = @{name}@ }}').read_text()
+    with zipfile.ZipFile(tmp_path / "scene.usdz", "w") as package:
+        package.writestr("scene.usda", text)
+        package.writestr(name, b"light")
+    world = load_world(tmp_path / "scene.usdz")
+    assert world.environment == (1, 1, 1) and world.environment_map is None
+    said = f"the dome's texture is left out: {name} is packed, expected a file of its own, or PNG or JPEG"
+    assert any(said in warning for warning in world.warnings), world.warnings
 
 
 def test_what_is_lacking_is_told_once(tmp_path):
