@@ -284,6 +284,24 @@ def test_light_that_was_set_before_a_snapshot_shines_again_after_another(tmp_pat
         assert goes_on() == first
 
 
+def test_a_snapshot_after_a_reset_knows_nothing_of_light_that_was_set_before(tmp_path: Path) -> None:
+    def goes_on() -> bytes:
+        run.set_pose("box", ((0.2, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), 20_000)
+        return run.step(20_000).tobytes() + run.frame().planes.tobytes()
+
+    with stage.simulator(tmp_path, seed=3) as run:
+        run.step(10_000)
+        fresh = run.frame().planes
+        run.set_light("lamp", (0.0, 0.0, 0.0))
+        run.step(20_000)
+        run.reset()
+        run.step(10_000)
+        assert (run.frame().planes == fresh).all()
+        saved, first = run.snapshot(), goes_on()
+        run.restore(saved)
+        assert goes_on() == first
+
+
 def test_a_snapshot_holds_what_a_camera_that_stands_saw(tmp_path: Path) -> None:
     """A box that goes on after it is not where it then was; without a trace of it once it is restored."""
 
