@@ -250,6 +250,16 @@ def test_a_normalised_sphere_shines_as_brightly_however_small_it_is(tmp_path, me
     assert (none.kind, none.intensity[0]) == ("point", pytest.approx(2 * float(metres) ** 2))
 
 
+@pytest.mark.parametrize("metres", ["1", "0.01"])
+@pytest.mark.parametrize("normalize", [0, 1])
+def test_a_sphere_that_is_shown_as_a_point_shines_as_the_sphere_does(tmp_path, metres, normalize):
+    told = f"float inputs:radius = 3\nfloat inputs:intensity = 8\nbool inputs:normalize = {normalize}\n"
+    text = f'def SphereLight "ball" {{ {told} }}\ndef SphereLight "dot" {{ bool treatAsPoint = 1\n{told} }}'
+    world = lamps(tmp_path, text, METRES.replace("= 1", f"= {metres}"))
+    (ball,), (dot,) = world.sphere_lights, world.punctual_lights
+    assert dot.intensity == pytest.approx([math.pi * ball.radius_m**2 * each for each in ball.radiance])
+
+
 @pytest.mark.parametrize("kind", ["DiskLight", "RectLight", "CylinderLight", "DistantLight"])
 def test_a_normalised_lamp_without_a_size_hinders_nothing(tmp_path, kind):
     """A sun of no angle gives the light of any other; what has no area leaves all else as it is."""
