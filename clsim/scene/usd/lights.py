@@ -165,8 +165,11 @@ class LightReader:
             mesh = _cylinder(self._size(prim, "radius", 0.5), self._size(prim, "length", 1.0))
         corners = (mesh.vertices.astype(np.float64) @ linear.T / self._stage.metres)[mesh.triangles]
         sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        radiance, change = self._radiance(prim, float(np.linalg.norm(np.cross(*sides), axis=1).sum()) / 2)
+        area = float(np.linalg.norm(np.cross(*sides), axis=1).sum()) / 2
+        radiance, change = self._radiance(prim, area)
         name = prim.GetName()
+        if area == 0:
+            self._warn(f"lamps that have no area send out no light (first {name})")
         self._left_out(prim, name, "shaping:cone:angle", "shaping:focus", "shaping:ies:file", "texture:file")
         material = Material(color=(0.0, 0.0, 0.0), emission=radiance, modulation=change, emits_behind=False, name=name)
         self.lights.surfaces.append((mesh, material, prim))

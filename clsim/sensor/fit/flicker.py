@@ -110,8 +110,9 @@ def fit_flicker(
     (on, on_spread, on_count), (off, off_spread, off_count) = thresholds
     mismatch = math.sqrt((on_spread**2 + off_spread**2) / 2)
     return FlickerFit(
-        (on, on_spread / math.sqrt(on_count)),
-        (off, off_spread / math.sqrt(off_count)),
+        # The median of normal numbers errs by 1.25 times as much as their mean.
+        (on, 1.25 * on_spread / math.sqrt(on_count)),
+        (off, 1.25 * off_spread / math.sqrt(off_count)),
         (mismatch, mismatch / math.sqrt(2 * (on_count + off_count))),
         rest_us,
         (silent, math.sqrt(silent * (1 - silent) / chosen.sum())),

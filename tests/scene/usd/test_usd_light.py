@@ -262,7 +262,7 @@ def test_a_sphere_that_is_shown_as_a_point_shines_as_the_sphere_does(tmp_path, m
 
 @pytest.mark.parametrize("kind", ["DiskLight", "RectLight", "CylinderLight", "DistantLight"])
 def test_a_normalised_lamp_without_a_size_hinders_nothing(tmp_path, kind):
-    """A sun of no angle gives the light of any other; what has no area leaves all else as it is."""
+    """A sun of no angle gives the light of any other; what has no area is told, and leaves all else as it is."""
     sizes = "\n".join(f"float inputs:{size} = 0" for size in ("radius", "width", "height", "length", "angle"))
     lamp = f'def {kind} "lamp" {{ {sizes}\nfloat inputs:intensity = 8\nbool inputs:normalize = 1 }}'
     world = lamps(tmp_path, lamp)
@@ -270,6 +270,7 @@ def test_a_normalised_lamp_without_a_size_hinders_nothing(tmp_path, kind):
     assert all(np.isfinite(each.emission).all() for each in world.materials)
     suns = [each.intensity for each in world.punctual_lights if each.kind == "directional"]
     assert suns == ([(8, 8, 8)] if kind == "DistantLight" else [])
+    assert any("no area" in warning for warning in world.warnings) == (kind != "DistantLight")
 
 
 def test_light_changes_with_its_samples(tmp_path):
