@@ -33,6 +33,8 @@ _LOG_MOST = 0.5
 """Standard error of a number's logarithm from which on it is not known."""
 _THRESHOLDS, _DARK, _TRIED = (0.07, 0.12, 0.2, 0.34), (0.3, 1.0, 3.0, 10.0), 3
 """Where a search begins, and how many of the best it goes on from."""
+_AS_WELL = 4.0
+"""Squares of standard errors, of all rates, by which another fit is no worse: within two standard errors."""
 _FARTHEST = 30.0
 """Largest logarithm of what is sought; a threshold's is 3."""
 _STEP = 0.02
@@ -128,8 +130,9 @@ def look_probabilities(photons: float, dark: float, on: float, off: float) -> tu
 def fit_uniform(rates: Sequence[Rates]) -> UniformFit:
     """Return what best explains the rates in several lights, by least squares.
 
-    Errors are those of the rates and, where these are off by more, of that. Thresholds and photons are None where the
-    lights do not tell them, or the noise is not of such looks.
+    Errors are those of the rates and, where these are off by more, of that, and how far apart numbers are that explain
+    the rates as well. Thresholds and photons are None where the lights do not tell them, or the noise is not of such
+    looks.
 
     Raises:
         InputError: there are too few lights.
@@ -160,18 +163,26 @@ def fit_uniform(rates: Sequence[Rates]) -> UniformFit:
     # Where noise falls, a threshold squared times the photons is about 1.
     squares = np.geomspace(0.3 / lux.max(), 3 / lux.min(), 10)
     starts = [np.log(each) for each in itertools.product(_THRESHOLDS, (0.8, 1.25), squares, _DARK)]
-    tried = [
-        least_squares(misses, start, x_scale=0.1, diff_step=1e-3, max_nfev=40)
-        for start in sorted(starts, key=lambda shape: explained(shape)[2])[:_TRIED]
-    ]
+
+    def best_near(start: FloatArray) -> Any:
+        return least_squares(misses, start, x_scale=0.1, diff_step=1e-3, max_nfev=40)
+
+    tried = [best_near(start) for start in sorted(starts, key=lambda shape: explained(shape)[2])[:_TRIED]]
+    first = min(tried, key=lambda each: float(each.cost)).x
+    # Other thresholds, with as many more photons, may explain them as well.
+    away = [math.log(on) - first[0] for on in _THRESHOLDS]
+    tried += [best_near(first + by * np.array([1, 0, 0, -2])) for by in away if abs(by) > _LOG_MOST]
     shape = min(tried, key=lambda each: float(each.cost)).x
     table, linear, misfit = explained(shape)
+    degrees = max(1, 2 * len(rates) - 7)
+    allowed = misfit + _AS_WELL * max(1.0, misfit / degrees)
+    others = [each.x - shape for each in tried if 2 * each.cost < allowed]
     slopes = [
         (explained(shape + step)[0] - explained(shape - step)[0]) @ linear / (2 * _STEP) for step in _STEP * np.eye(4)
     ]
     jacobian = np.column_stack([*slopes, table])
     jacobian[:, 4] *= linear[0]  # of the logarithm of looks a second
-    return _told(shape, linear, jacobian, misfit / max(1, 2 * len(rates) - 7))
+    return _told(shape, linear, jacobian, misfit / degrees, np.array(others))
 
 
 def _numbers(guess: Any) -> tuple[float, float, float, float, float]:
@@ -184,13 +195,14 @@ def _numbers(guess: Any) -> tuple[float, float, float, float, float]:
     return on, on * ratio, squared / on**2, dark, look_s
 
 
-def _told(shape: FloatArray, linear: FloatArray, jacobian: FloatArray, misfit: float) -> UniformFit:
-    """Return the numbers of a fit with their errors."""
+def _told(shape: FloatArray, linear: FloatArray, jacobian: FloatArray, misfit: float, others: FloatArray) -> UniformFit:
+    """Return the numbers of a fit with their errors; ``others`` ``[N, 4]`` are as good, at such distances."""
     # What the rates do not hang on has an error of a thousand.
     covariance = np.linalg.inv(jacobian.T @ jacobian + 1e-6 * np.eye(7)) * max(1.0, misfit)
     # Each number's logarithm is a sum of those sought: of `_numbers`.
     made = np.array([[1, 0, 0, 0, 0], [1, 1, 0, 0, 0], [-2, 0, 1, 0, 0], [0, 0, 0, 1, 0], [0, 0, 0, 0, 1]])
-    of_logs = np.sqrt(np.diag(made @ covariance[:5, :5] @ made.T)).tolist()
+    of_logs = np.sqrt(np.diag(made @ covariance[:5, :5] @ made.T))
+    of_logs = np.maximum(of_logs, np.abs(made[:, :4] @ others.T).max(axis=1)).tolist()
     # Where no threshold is known, looks are of any length.
     told = misfit < _MISFIT and linear[0] > 0 and max(of_logs[:2]) < _LOG_MOST
     values = _numbers([*shape, -math.log(linear[0]) if told else 0.0])

@@ -87,11 +87,22 @@ def test_thresholds_photons_and_leak_are_found(tmp_path):
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_they_say():
-    off = np.array([errors_off(fit_uniform(recorded(seed))) for seed in range(30)])
+    found = [fit_uniform(recorded(seed)) for seed in range(30)]
+    off = np.array([errors_off(each) for each in found if each.on])
+    # In a few recordings other thresholds explain the rates as well, and none is told.
+    assert len(off) >= 24 and off.max() < 6
     inside = (off < 2).mean(axis=0)
     # 95 of 100; of 30, 24 and more in all but one of ten thousand.
     assert (inside >= 0.8).all(), inside
     assert (np.median(off, axis=0) > 0.3).all()  # nor much larger, of any number
+
+
+@pytest.mark.slow
+def test_thresholds_are_not_told_where_others_explain_the_rates_as_well():
+    """Here .065 and .2 do: so few events fell in the bright."""
+    found = fit_uniform(recorded(16))
+    assert found.on is found.off is found.photons_per_lux is None
+    assert found.misfit < 1
 
 
 @pytest.mark.slow
