@@ -36,7 +36,7 @@ import sys
 import clsim.opencl.processor
 from clsim.cli import main
 clsim.opencl.processor.known_name = lambda features: None
-sys.argv = ["clsim", "live", "still", "--opencl", {POCL!r}]
+sys.argv = ["clsim", "live", "still", "--json", "--opencl", {POCL!r}]
 main()
 """
 
