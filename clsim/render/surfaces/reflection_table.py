@@ -11,7 +11,7 @@ import numpy.typing as npt
 SIZE = 32
 """Steps of √α from 0 to 1, and of √(1 − cos) of the direction in which light leaves."""
 ENTRIES = 6
-"""Four of the inverse matrix, and two shares of light (`reflection.py`)."""
+"""Four of the inverse matrix, and two shares of light (`bsdf/reflections.py`)."""
 MODELS = ("separable", "correlated", "beckmann")
 """How microfacets are spread and hide each other: GGX's on each way by itself, or on both at once, and Beckmann's."""
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events import EventBatch
-from clsim.sensor.fit.still import FloatArray, pixel_numbers
+from clsim.sensor.fit.still import MEDIAN_ERROR, FloatArray, pixel_numbers
 
 _BIN_S = 1e-3
 _LONGEST_SPECTRUM_S = 60.0
@@ -110,9 +110,8 @@ def fit_flicker(
     (on, on_spread, on_count), (off, off_spread, off_count) = thresholds
     mismatch = math.sqrt((on_spread**2 + off_spread**2) / 2)
     return FlickerFit(
-        # The median of normal numbers errs by 1.25 times as much as their mean.
-        (on, 1.25 * on_spread / math.sqrt(on_count)),
-        (off, 1.25 * off_spread / math.sqrt(off_count)),
+        (on, MEDIAN_ERROR * on_spread / math.sqrt(on_count)),
+        (off, MEDIAN_ERROR * off_spread / math.sqrt(off_count)),
         (mismatch, mismatch / math.sqrt(2 * (on_count + off_count))),
         rest_us,
         (silent, math.sqrt(silent * (1 - silent) / chosen.sum())),

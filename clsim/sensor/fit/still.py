@@ -13,6 +13,8 @@ from clsim.errors import InputError
 from clsim.events import EventBatch
 
 FloatArray = npt.NDArray[np.float64]
+MEDIAN_ERROR = 1.25
+"""Times by which the median of normal numbers errs more than their mean."""
 _DECADE = math.log(10.0)
 _HOT_SIGMAS = 5.0
 """A pixel is hot whose rate is so many standard deviations, of the log of rates, above the median."""
@@ -160,8 +162,7 @@ def fit_still(counts: Counts) -> StillFit:
         logs = np.log10((counts.on + counts.off)[hot] / counts.seconds)
         decades = float(np.std(logs, ddof=1))
         median = float(10 ** np.median(logs))
-        # The median of normal numbers errs by 1.25 times as much as their mean.
-        hot_hz = median, 1.25 * median * _DECADE * decades / math.sqrt(len(logs))
+        hot_hz = median, MEDIAN_ERROR * median * _DECADE * decades / math.sqrt(len(logs))
         hot_decades = decades, decades / math.sqrt(2 * len(logs))
     return StillFit(noise, noise_decades, leak, leak_decades, hot, hot_hz, hot_decades)
 
