@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
@@ -64,6 +64,7 @@ _times = st.lists(st.integers(1, 60), max_size=6)
 
 @settings(max_examples=40)
 @given(_times, _times, st.integers(1, 30))
+@example([1, 2], [1, 30], 30)  # two pairs, of which one is far apart
 def test_one_pixel_against_brute_force(times, others, within):
     late = one_to_one(at_one_pixel(*times), at_one_pixel(*others), SAMPLING, within)
     assert (len(late), int(np.abs(late).sum())) == by_brute_force(times, others, within)
@@ -154,7 +155,9 @@ def test_scores_within_windows_by_hand():
     )
     assert (result.within[1000].precision, result.within[1000].recall) == (2 / 5, 2 / 4)
     assert result.dt_bias_us == pytest.approx((100 - 1000) / 2) and result.dt_median_us == pytest.approx(550)
-    assert result.as_dict()["within"]["1000"] == {"precision": 2 / 5, "recall": 2 / 4, "f1": pytest.approx(4 / 9)}
+    told = result.as_dict()["within"]
+    assert [*told] == ["99", "100", "1000", "1000000"]
+    assert told["1000"] == {"precision": 2 / 5, "recall": 2 / 4, "f1": pytest.approx(4 / 9)}
 
 
 def test_duplicates_do_not_inflate_precision():

@@ -70,11 +70,13 @@ def test_a_small_case_counted_by_hand():
     assert result.strict_precision == pytest.approx(2 / 5)
     assert result.strict_recall == pytest.approx(2 / 4)
     assert (result.unmatched_events, result.unmatched_reference) == (2, 1)
+    assert (result.events, result.reference_events) == (5, 4)
     there = (1e-4 + 9e-4 + 0 + 2 + 2) / 5
     back = (1e-4 + 9e-4 + 0 + 2) / 4
     assert result.chamfer == pytest.approx((there + back) / 2)
     assert result.dt_median_us == pytest.approx(np.median([0, at(5) - at(4)]))
-    assert score(events, reference, W, H, FPS, tau=1e-3).precision == pytest.approx(3 / 5)
+    wider = score(events, reference, W, H, FPS, tau=1e-3)
+    assert (wider.precision, wider.tau) == (pytest.approx(3 / 5), 1e-3)
     assert score(events, reference, W, H, FPS, tau=9e-5).precision == pytest.approx(1 / 5)
     assert json.loads(json.dumps(result.as_dict()))["strict_recall"] == pytest.approx(2 / 4)
 
@@ -166,9 +168,11 @@ def test_wrong_input_is_named():
     with pytest.raises(InputError, match="the reference has an event at x=3, y=60, outside the image of 100×60"):
         curves(batch(), events, Sampling(W, 60, FPS))
     with pytest.raises(InputError, match="the event set has an event at x=100, y=3, outside the image of 100×50"):
-        score(batch((1, 99, 49, True), (1, W, 3, True)), batch(), W, H, FPS)
+        score(batch((1, 99, 49, True), (1, W, 3, True), (1, 0, H, True)), batch(), W, H, FPS)
     with pytest.raises(InputError, match="`fps` must be a positive number, got 0"):
         score(events, events, W, 100, 0)
+    with pytest.raises(InputError, match="`fps` must be a positive number, got inf"):
+        score(events, events, W, 100, float("inf"))
     with pytest.raises(InputError, match="`width` must be"):
         score(events, events, -1, 100, FPS)
     with pytest.raises(InputError, match="`within_us` must be at least 1 µs, got nan"):
@@ -200,7 +204,7 @@ def test_curves_are_drawn(tmp_path, monkeypatch):
     plot_curves(values, tmp_path / "curves.png")
     with Image.open(tmp_path / "curves.png") as image:
         assert image.format == "PNG" and len(image.convert("RGB").getcolors(1 << 20)) > 10
-    with pytest.raises(InputError, match="cannot write"):
+    with pytest.raises(InputError, match=r"curves\.png: No such file or directory"):
         plot_curves(values, tmp_path / "nowhere" / "curves.png")
     drawn = []
     monkeypatch.setattr(figure, "savefig", lambda self, *_, **__: drawn.append(self))
@@ -208,3 +212,6 @@ def test_curves_are_drawn(tmp_path, monkeypatch):
     for panel, name in zip(drawn[0].axes, ("precision", "recall", "f1"), strict=True):
         drawn_y = [line.get_ydata() for line in panel.lines[: len(values)]]
         np.testing.assert_array_equal(drawn_y, [getattr(each, name) for each in values.values()])
+        assert panel.get_title().lower() == name and panel.get_ylim()[1] > 1
+        assert panel.lines[-1].get_xdata() == [5e-4, 5e-4], "the paper's τ"
+    assert [text.get_text() for text in drawn[0].axes[-1].get_legend().get_texts()] == ["a", "b"]

@@ -14,6 +14,7 @@ EDGES = [
     Edge(SLANTED, 3.2, 40.0, 0.25, 1.0, ramp_px=2.5),
     Edge((1.0, 0.0), 3.3, 40.0, 0.25, 1.0),
     Edge((0.0, -1.0), -8.2, 40.0, 0.25, 1.0, ramp_px=0.4),
+    Edge((1.0, 1e-7), 3.3, 40.0, 0.25, 1.0),
     Edge((math.sqrt(0.5), math.sqrt(0.5)), 5.0, 40.0, 1.0, 0.2),
 ]
 
@@ -43,10 +44,13 @@ def test_shares_are_inverted_to_the_last_digits(edge):
 
 
 def test_times_are_the_nearest_whole_us():
-    """An upright edge brightens a pixel evenly from 0.25 to 1, which is 0.25·e^(0.2 n) at the n-th event."""
-    found = Edge((1.0, 0.0), 0.0, 30.0, 1.0, 0.25).events(3, 1, 0.1, 0.2)
-    steps = np.arange(1, 7)
-    expected = [x / 30.0 + (0.25 * np.exp(0.2 * steps) - 0.25) / 0.75 / 30.0 for x in range(3)]
+    """An upright edge brightens a pixel evenly from 0.25 to 1, which is 0.25·e^(0.198 n) at the n-th event.
+
+    The last of them fires a few microseconds before the end.
+    """
+    found = Edge((1.0, 0.0), 0.0, 30.0, 1.0, 0.25).events(3, 1, 0.1, 0.198)
+    steps = np.arange(1, 8)
+    expected = [x / 30.0 + (0.25 * np.exp(0.198 * steps) - 0.25) / 0.75 / 30.0 for x in range(3)]
     np.testing.assert_array_equal(found["t"], np.rint(1e6 * np.ravel(expected)))
 
 
