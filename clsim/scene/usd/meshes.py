@@ -195,7 +195,8 @@ def _faces(stage: Stage, source: Any, points: F32, warn: Callable[[str], None]) 
         warn(f"{name} is left out: its polygons have {counts.sum()} corners, and {len(indices)} are told")
         return None
     if indices.min() < 0 or indices.max() >= len(points):
-        warn(f"{name} is left out: a polygon names point {indices.max()}, of {len(points)}")
+        wrong = indices.min() if indices.min() < 0 else indices.max()
+        warn(f"{name} is left out: a polygon names point {wrong}, of {len(points)}")
         return None
     if not np.isfinite(points).all():
         warn(f"{name} is left out: it has a point that is not finite")

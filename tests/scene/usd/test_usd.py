@@ -243,34 +243,21 @@ def test_a_file_that_cannot_be_used_is_told_in_one_sentence(tmp_path, text, said
 
 
 @pytest.mark.parametrize(
-    ("shape", "said"),
+    ("counts", "indices", "point", "said"),
     [
-        (
-            "int[] faceVertexCounts = [4]\n int[] faceVertexIndices = [0, 1, 2]\n point3f[] points = [(0,0,0)]",
-            "4 corners",
-        ),
-        (
-            "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 0, 0, 0]\n point3f[] points = [(0,0,0)]",
-            "3 corners",
-        ),
-        (
-            "int[] faceVertexCounts = [-3]\n int[] faceVertexIndices = [0, 1, 2]\n point3f[] points = [(0,0,0)]",
-            "corners",
-        ),
-        (
-            "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 0, 1]\n point3f[] points = [(0,0,0)]",
-            "names point 1",
-        ),
-        (
-            "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 0, 0]\n point3f[] points = [(0,0,inf)]",
-            "finite",
-        ),
+        (4, [0, 1, 2], "(0, 0, 0)", "its polygons have 4 corners, and 3 are told"),
+        (3, [0, 0, 0, 0], "(0, 0, 0)", "its polygons have 3 corners, and 4 are told"),
+        (-3, [0, 1, 2], "(0, 0, 0)", "its polygons have -3 corners, and 3 are told"),
+        (3, [0, 0, 1], "(0, 0, 0)", "a polygon names point 1, of 1"),
+        (3, [0, -7, 0], "(0, 0, 0)", "a polygon names point -7, of 1"),
+        (3, [0, 0, 0], "(0, 0, inf)", "it has a point that is not finite"),
     ],
 )
-def test_damaged_meshes_are_left_out_with_a_word(tmp_path, shape, said):
+def test_damaged_meshes_are_left_out_with_a_word(tmp_path, counts, indices, point, said):
+    shape = f"int[] faceVertexCounts = [{counts}]\nint[] faceVertexIndices = {indices}\npoint3f[] points = [{point}]\n"
     world = load_world(usda(tmp_path, mesh() + mesh(name="bad", shape=shape)))
     assert [instance.name for instance in world.instances] == ["square"]
-    assert any(said in warning and "bad" in warning for warning in world.warnings)
+    assert any(f"bad is left out: {said}" in warning for warning in world.warnings)
 
 
 @pytest.mark.parametrize(
