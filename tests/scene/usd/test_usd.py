@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from pxr import Usd, UsdGeom, UsdUtils
 
 from clsim.errors import InputError
@@ -62,8 +63,9 @@ def test_things_move_as_usd_moves_them_at_all_times(tmp_path, scale):
         assert np.abs(points_at(world, instance, (code - 10) / 24) - expected).max() < 2e-3
 
 
-def test_whole_turns_between_two_samples_are_turns(tmp_path):
-    turning = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 720 }")
+@pytest.mark.parametrize("samples", ["10: 0, 34: 720", "0: 0, 44: 300", "-20: 70, 22: 0, 60: 200"])
+def test_turns_between_samples_are_turns_also_of_those_outside_of_the_file_s_time(tmp_path, samples):
+    turning = placed(f"float xformOp:rotateY.timeSamples = {{ {samples} }}")
     path = usda(tmp_path, mesh(turning) + CAMERA, TIMED)
     world = load_world(path)
     for code in (10, 13, 16, 22, 28):
@@ -71,13 +73,31 @@ def test_whole_turns_between_two_samples_are_turns(tmp_path):
         assert np.abs(points_at(world, world.instances[0], (code - 10) / 24) - expected).max() < 1e-3
 
 
-def test_what_shears_in_time_is_a_deformation(tmp_path):
-    shearing = placed("float3 xformOp:scale.timeSamples = { 10: (1, 1, 1), 34: (1, 4, 0.5) }")
-    path = usda(tmp_path, moving(mesh(shearing)) + CAMERA, TIMED)
+TILTING = """
+    point3f[] points.timeSamples = { 10: [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)],
+        34: [(-1, -2, 1), (1, 2, 1), (1, 2, -1), (-1, -2, -1)] }
+    normal3f[] normals.timeSamples = { 10: [(0, 1, 0), (0, 1, 0), (0, 1, 0), (0, 1, 0)],
+        34: [(-2, 1, 0), (-2, 1, 0), (-2, 1, 0), (-2, 1, 0)] }
+"""
+
+
+@pytest.mark.parametrize("shape", ["", TILTING])
+@pytest.mark.parametrize("scale", [".timeSamples = { 10: (1, 1, 1), 34: (1, 4, 0.5) }", " = (1, 3, -0.5)"])
+@pytest.mark.parametrize("moves", [True, False])
+def test_what_is_stretched_and_bends_in_time_is_where_usd_says_and_has_its_own_normals(tmp_path, shape, scale, moves):
+    inner = mesh(shape + placed(f"float3 xformOp:scale{scale}"))
+    path = usda(tmp_path, (moving(inner) if moves else inner) + CAMERA, TIMED)
     world = load_world(path)
+    (instance,) = world.instances
     for code in (10, 22, 34):
-        expected = points_of_usd(path, "/arm/hand/square", code)
-        assert np.abs(points_at(world, world.instances[0], (code - 10) / 24) - expected).max() < 1e-5
+        expected = points_of_usd(path, "/arm/hand/square" if moves else "/square", code)
+        assert np.abs(points_at(world, instance, (code - 10) / 24) - expected).max() < 1e-5
+        if shape and code != 22:
+            _, normals = world.meshes[instance.mesh].deformation.vertices_at((code - 10) / 24)
+            normals = normals @ instance.motion.pose((code - 10) / 24)[:3, :3].T
+            across = np.cross(expected[1] - expected[0], expected[3] - expected[0])
+            cosines = normals @ across / np.linalg.norm(across) / np.linalg.norm(normals, axis=1)
+            np.testing.assert_allclose(np.abs(cosines), 1, atol=1e-5)
 
 
 def test_what_shears_between_its_samples_alone_is_a_deformation(tmp_path):
@@ -96,26 +116,6 @@ def test_units_are_metres_and_y_is_up(tmp_path):
     world = load_world(path)
     x, y, z = points_of_usd(path, "/square", 0, 0.01).T
     assert np.allclose(points_at(world, world.instances[0], 0.0), np.stack([x, z, -y], 1), atol=1e-6)
-
-
-def test_a_camera_has_its_field_of_view_and_its_place(tmp_path):
-    lens = "\n".join(
-        f"float {name} = {value}"
-        for name, value in (
-            ("horizontalAperture", 36),
-            ("verticalAperture", 24),
-            ("focalLength", 18),
-            ("fStop", 2),
-            ("focusDistance", 400),
-        )
-    )
-    eye = f'def Camera "eye" {{ {lens}\n{placed("double3 xformOp:translate = (0, 0, 900)")} }}'
-    camera = load_world(usda(tmp_path, mesh() + eye, METRES.replace("= 1", "= 0.01"))).camera
-    assert camera.fov_deg == pytest.approx(90)
-    assert camera.width / camera.height == pytest.approx(1.5, abs=0.01)
-    assert camera.motion.pose(0.0)[:3, 3] == pytest.approx((0, 0, 9))
-    assert camera.lens.focus_distance_m == pytest.approx(4.0)
-    assert camera.lens.aperture_radius_m == pytest.approx(18 / 10 * 0.01 / 2 / 2)
 
 
 def test_points_that_move_are_joined_by_lines_and_keep_corners_apart(tmp_path):
@@ -198,6 +198,18 @@ def test_a_usd_as_part_of_a_toml_and_as_a_path(tmp_path):
     assert (instance.name, bulb.name, bulb.radius_m) == ("it/square", "it/bulb", pytest.approx(0.03))
 
 
+@pytest.mark.parametrize("kind", ["DistantLight", "DomeLight", "DomeLight of a picture"])
+def test_a_part_leaves_light_from_afar_to_the_scene_and_lasts_as_long_as_it_moves(tmp_path, kind):
+    Image.new("RGB", (4, 2)).save(tmp_path / "sky.png")
+    picture = "asset inputs:texture:file = @sky.png@" if "picture" in kind else ""
+    usda(tmp_path, mesh() + f'def {kind.split()[0]} "sky" {{ {picture} }}', TIMED.replace("34", "1000"), "part.usda")
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[camera]\nposition = [0, 1, 9]\n[[objects]]\nfile = "part.usda"\n')
+    world = load_world(scene)
+    assert world.duration_s < 40 and not world.sphere_lights and world.environment_map is None
+    assert any("its distant lights and domes are left out" in warning for warning in world.warnings)
+
+
 def test_a_path_of_a_usd_is_followed_once(tmp_path):
     eye = placed("double3 xformOp:translate.timeSamples = { 10: (0, 0, 0), 34: (3, 2, 1) }")
     usda(tmp_path, f'def Camera "eye" {{ {eye} }}', TIMED, "path.usda")
@@ -206,6 +218,22 @@ def test_a_path_of_a_usd_is_followed_once(tmp_path):
     motion = load_world(scene).camera.motion
     for time_s, share in ((0.5, 0.5), (1.0, 1.0), (1.25, 1.0)):
         assert motion.pose(time_s)[:3, 3] == pytest.approx((3 * share, 2 * share, share))
+
+    usda(tmp_path, mesh(), TIMED, "path.usda")
+    with pytest.raises(InputError, match=r"path\.usda: has no camera"):
+        load_world(scene)
+
+
+@pytest.mark.parametrize(
+    ("name", "most", "said"), [("MAX_PRIMS", 3, "more than 2 prims"), ("MAX_INSTANCES", 2, "more than 1 meshes")]
+)
+def test_a_file_may_hold_so_much_and_no_more(tmp_path, monkeypatch, name, most, said):
+    path = usda(tmp_path, mesh() + mesh(name="other"))  # and the root
+    monkeypatch.setattr(f"clsim.scene.usd.scene.{name}", most)
+    assert len(load_world(path).instances) == 2
+    monkeypatch.setattr(f"clsim.scene.usd.scene.{name}", most - 1)
+    with pytest.raises(InputError, match=said):
+        load_world(path)
 
 
 def test_a_missing_library_is_told_with_what_to_install(tmp_path, monkeypatch):
@@ -230,6 +258,10 @@ def test_a_package_that_is_none_is_told(tmp_path):
         (b"PXR-USDC\0\0\0", "cannot be read as USD"),
         (b"", "cannot be read as USD"),
         (b'#usda 1.0\n(metersPerUnit = 0)\ndef Xform "a" {}', "metersPerUnit is 0"),
+        (
+            b'#usda 1.0\n(timeCodesPerSecond = 0)\ndef Xform "a" {}',
+            "has time codes 0 to 0, 0 per second, expected finite",
+        ),
         (b'#usda 1.0\ndef Xform "a" {}', "has no triangles"),
     ],
 )
@@ -267,6 +299,7 @@ def test_damaged_meshes_are_left_out_with_a_word(tmp_path, counts, indices, poin
         (mesh() + 'def Camera "eye" { float focalLength = 0 }', "/eye has an aperture or a focal length"),
         (mesh() + 'def Camera "eye" { float verticalAperture = inf }', "/eye has an aperture or a focal length"),
         (mesh() + 'def SphereLight "bulb" { string inputs:radius = "wide" }', "/bulb has a value that cannot be used"),
+        (mesh() + 'def SphereLight "bulb" { float inputs:radius = inf }', "/bulb has a radius that is not finite"),
         (mesh() + 'def SphereLight "bulb" { float inputs:color = 3 }', "/bulb has a value that cannot be used"),
         (mesh() + HOT, "/bulb has a value that cannot be used (a colour temperature of nan K)"),
         ('def Capsule "pill" { double radius = nan }', "/pill has a value that cannot be used (a radius of nan)"),
@@ -325,6 +358,7 @@ def test_a_missing_file_is_told_once_however_many_prims_refer_to_it(tmp_path):
     ("text", "why"),
     [
         ('def Mesh "bare" {}', "bare has no faces that can be shown"),
+        (mesh("int[] holeIndices = [0]"), "square has no faces that can be shown"),
         (mesh('token visibility = "invisible"'), "square is hidden, or a guide or a proxy"),
         (mesh('uniform token purpose = "guide"'), "square is hidden, or a guide or a proxy"),
         ('def BasisCurves "hair" { point3f[] points = [(0, 0, 0)] }', "BasisCurves is left out (first hair)"),
@@ -335,25 +369,6 @@ def test_files_without_triangles_say_why(tmp_path, text, why):
     with pytest.raises(InputError) as caught:
         load_world(usda(tmp_path, text))
     assert "has no triangles" in str(caught.value) and why in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_points_are_small_spheres(tmp_path):
-    """With their widths and colours; where they tell no width, apart from each other."""
-    body = """def Points "dots" {
-        point3f[] points = [(0, 0, 0), (3, 0, 0), (0, 3, 0)]
-        float[] widths = [0.2, 0.4, 1.0]
-        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1)] (interpolation = "vertex") }
-    """
-    world = load_world(usda(tmp_path, body))
-    (made,) = world.meshes
-    thirds = np.split(made.vertices, 3)
-    for vertices, centre, width in zip(thirds, [(0, 0, 0), (3, 0, 0), (0, 3, 0)], (0.2, 0.4, 1.0), strict=True):
-        np.testing.assert_allclose(np.linalg.norm(vertices - centre, axis=1), width / 2, rtol=1e-5)
-    np.testing.assert_array_equal(made.colors[:: len(thirds[0])], np.eye(3))
-    assert world.materials[made.material_ids[0]].color == (1, 1, 1) and not world.warnings
-    bare = load_world(usda(tmp_path, body.replace("float[] widths = [0.2, 0.4, 1.0]", ""), name="bare.usda"))
-    assert 0 < np.ptp(np.split(bare.meshes[0].vertices, 3)[0][:, 0]) < 3
-    assert any("tell no widths" in text for text in bare.warnings)
 
 
 @pytest.mark.parametrize(("sides", "told"), [("uniform bool doubleSided = 0", True), ("", False)])

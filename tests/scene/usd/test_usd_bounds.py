@@ -43,11 +43,16 @@ def test_text_that_is_nested_too_deep_is_refused(tmp_path, deep, packed):
 
 
 @pytest.mark.parametrize(("method", "flags"), [(99, 0), (0, 1)], ids=["a method unknown", "a password"])
-def test_a_picture_in_a_package_that_python_cannot_unpack_is_told(tmp_path, method, flags):
+def test_a_picture_in_a_package_that_python_cannot_unpack_is_told(tmp_path, monkeypatch, method, flags):
     path = tmp_path / "a.usdz"
     with zipfile.ZipFile(path, "w") as package:
         package.writestr("a.png", b"pixels")
+    monkeypatch.setattr("clsim.scene.usd.stage.MAX_BYTES", 6)
     assert _packed(path, "a.png") == b"pixels"
+    monkeypatch.setattr("clsim.scene.usd.stage.MAX_BYTES", 5)
+    with pytest.raises(InputError, match=r"a\.usdz: a\.png is larger than"):
+        _packed(path, "a.png")
+    monkeypatch.undo()
     repack(path, method, flags)
     with pytest.raises(InputError, match=r"a\.usdz: a\.png cannot be read \("):
         _packed(path, "a.png")
@@ -58,11 +63,19 @@ def test_an_embedded_python_opens_files_without_a_trial(tmp_path, monkeypatch):
     assert len(load_world(usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }')).instances) == 2
 
 
-def test_what_refers_to_nothing_is_opened_once(tmp_path, monkeypatch):
+VARIANT = """def "b" (variants = { string size = "one" }\nprepend variantSets = "size"\n) {
+    variantSet "size" = { "one" (references = </square>\n) { } } }"""
+
+
+@pytest.mark.parametrize("arc", ["references", "payload", "inherits", "specializes", "subLayers", "variant"])
+def test_what_refers_to_nothing_is_opened_once(tmp_path, monkeypatch, arc):
+    """And all else is looked at first by a process of its own."""
     monkeypatch.setattr("clsim.scene.usd.bounds.subprocess.run", None)
     assert len(load_world(usda(tmp_path, mesh())).instances) == 1
     with pytest.raises(TypeError):
-        load_world(usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }', name="other.usda"))
+        body = VARIANT if arc == "variant" else "" if arc == "subLayers" else f'def "b" ({arc} = </square>\n) {{ }}'
+        meta = METRES + ("\n    subLayers = [@./scene.usda@]" if arc == "subLayers" else "")
+        load_world(usda(tmp_path, mesh() + body, meta, "other.usda"))
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,11 @@ float3 outputs:rgb }
 def Shader "%s" { uniform token info:id = "UsdPrimvarReader_float2"
 string inputs:varname = "%s"
 float2 outputs:result }"""
+PLAIN = TEXTURE % ("T", "R", "", "R", "st")
+PAINTED = "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>"
+GIVEN = """def Shader "C" { uniform token info:id = "UsdPrimvarReader_float3"
+string inputs:varname = "tint"
+float3 outputs:result }"""
 
 
 def surface(name, inputs, nodes=""):
@@ -41,7 +46,12 @@ def bound_world(tmp_path, inputs, nodes="", extra="", meta=METRES):
 
 @pytest.mark.parametrize(
     ("full", "preview", "expected"),
-    [("red", "green", (1, 0, 0)), ("", "green", (0, 1, 0)), ("other", "green", (0, 1, 0))],
+    [
+        ("red", "green", (1, 0, 0)),
+        ("", "green", (0, 1, 0)),
+        ("other", "green", (0, 1, 0)),
+        ("other", "", (0.5, 0.5, 0.5)),
+    ],
 )
 def test_materials_bound_for_a_purpose_are_found(tmp_path, full, preview, expected):
     # Exporters bind one material for final pictures, which may be of another program's kind, and one for previews.
@@ -55,7 +65,8 @@ def test_materials_bound_for_a_purpose_are_found(tmp_path, full, preview, expect
     ]
     other = surface("other", "").replace("UsdPreviewSurface", "PxrSurface")
     world = load_world(usda(tmp_path, square + "".join(shaders) + other))
-    assert world.materials[world.meshes[0].material_ids[0]].color == expected and not world.warnings
+    assert world.materials[world.meshes[0].material_ids[0]].color == expected
+    assert world.warnings == () if preview or full == "red" else "are grey (first other)" in world.warnings[0]
 
 
 @pytest.mark.parametrize("meta", ["", "\n    timeCodesPerSecond = 24"])
@@ -104,7 +115,7 @@ def test_a_picture_of_colours_may_be_multiplied_by_more_than_one(tmp_path):
         "R",
         "st",
     )
-    world = bound_world(tmp_path, "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>", texture, ST)
+    world = bound_world(tmp_path, PAINTED, texture, ST)
     (found,) = world.materials
     texel = world.textures[found.texture]
     assert found.color == (1, 1, 1) and texel.srgb
@@ -121,20 +132,32 @@ def test_pictures_of_16_bits_are_light_unless_the_file_says_otherwise(tmp_path, 
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
     ]
     (tmp_path / "deep.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))
-    world = bound_world(tmp_path, "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>", texture, ST)
+    world = bound_world(tmp_path, PAINTED, texture, ST)
     assert world.textures[0].srgb == srgb and world.textures[0].pixels[0, 0, 0] == 128
 
 
 def test_texture_coordinates_with_a_third_number(tmp_path):
     st = 'texCoord3f[] primvars:st = [(0, 0, 7), (1, 0, 7), (1, 1, 7), (0, 1, 7)] (\ninterpolation = "vertex")'
-    texture = TEXTURE % ("T", "R", "", "R", "st")
-    world = bound_world(tmp_path, "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>", texture, st)
+    texture = PLAIN
+    world = bound_world(tmp_path, PAINTED, texture, st)
     assert world.meshes[0].uvs == pytest.approx(np.array([(0, 0), (1, 0), (1, 1), (0, 1)])) and not world.warnings
 
 
 @pytest.mark.parametrize(
     ("inputs", "nodes", "extra", "told"),
     [
+        (
+            "int inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor.connect = </M/T.outputs:rgb>",
+            PLAIN,
+            ST,
+            "textures of specularColor are left out (first that of M)",
+        ),
+        (
+            "color3f inputs:diffuseColor.connect = </M/C.outputs:result>",
+            GIVEN.replace("UsdPrimvarReader_float3", "ND_noise3d_color3"),
+            "",
+            "what ND_noise3d_color3 gives to materials is left out (first diffuseColor of /M/S)",
+        ),
         ("float inputs:displacement = 0.3", "", "", "displacement of materials is left out"),
         (
             "color3f inputs:diffuseColor.timeSamples = { 10: (1, 0, 0), 34: (0, 1, 0) }",
@@ -145,54 +168,49 @@ def test_texture_coordinates_with_a_third_number(tmp_path):
         ("float inputs:opacity.timeSamples = { 10: 1, 34: 0 }", "", "", "opacity that changes with time is as at"),
         (
             "color3f inputs:emissiveColor.connect = </M/C.outputs:result>",
-            'def Shader "C" { uniform token info:id = "UsdPrimvarReader_float3"\nstring inputs:varname = "glow"\n'
-            "float3 outputs:result }",
-            "color3f[] primvars:glow = [(1, 1, 1)]",
+            GIVEN,
+            "color3f[] primvars:tint = [(1, 1, 1)]",
             "what a mesh gives to emissiveColor of materials is left out",
         ),
         (
             "color3f inputs:diffuseColor.connect = </M/C.outputs:result>",
-            'def Shader "C" { uniform token info:id = "UsdPrimvarReader_float3"\nstring inputs:varname = "paint"\n'
-            "float3 outputs:result }",
+            GIVEN,
             "",
-            "paint that a material asks for is missing: white stands for it (first square)",
+            "tint that a material asks for is missing: white stands for it (first square)",
         ),
         (
-            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
+            PAINTED,
             TEXTURE % ("T", "R", 'token inputs:wrapS = "black"', "R", "st"),
             ST,
             "pictures that are black outside are as at their edge there",
         ),
         (
-            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>\ncolor3f inputs:emissiveColor.connect = "
-            "</M/T2.outputs:rgb>",
-            TEXTURE % ("T", "R", "", "R", "st") + "\n" + TEXTURE % ("T2", "R2", "", "R2", "other"),
+            f"{PAINTED}\ncolor3f inputs:emissiveColor.connect = </M/T2.outputs:rgb>",
+            PLAIN + "\n" + TEXTURE % ("T2", "R2", "", "R2", "other"),
             ST,
             "all textures of a mesh use the first of its texture coordinates",
         ),
         (
-            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
-            (TEXTURE % ("T", "R", "", "R", "st")).replace("t.png", "t.<UDIM>.png"),
+            PAINTED,
+            PLAIN.replace("t.png", "t.<UDIM>.png"),
             ST,
             "t.<UDIM>.png is a picture in tiles (UDIM), expected a single one",
         ),
         (
-            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
-            TEXTURE % ("T", "R", "", "R", "st"),
+            PAINTED,
+            PLAIN,
             "",
             "st that a texture asks for is missing: it shows one colour (first square)",
         ),
         (
-            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
-            TEXTURE % ("T", "R", "", "R", "st"),
+            PAINTED,
+            PLAIN,
             'texCoord2f[] primvars:st = [(0, 0), (1, 0)] (\ninterpolation = "vertex")',
             "st does not fit its mesh and is left out (first square)",
         ),
         (
-            "color3f inputs:diffuseColor.connect = </M/T.outputs:rgb>",
-            (TEXTURE % ("T", "R", "", "R", "st")).replace(
-                "file = @t.png@", "file.timeSamples = { 10: @t.png@, 12: @u.png@ }"
-            ),
+            PAINTED,
+            PLAIN.replace("file = @t.png@", "file.timeSamples = { 10: @t.png@, 12: @u.png@ }"),
             ST,
             "file that changes with time is as at the start (first T)",
         ),
@@ -212,8 +230,41 @@ def test_samples_that_are_all_alike_change_nothing(tmp_path):
     ("body", "told"),
     [
         (
+            mesh('token visibility.timeSamples = { 10: "inherited", 34: "invisible" }', "blinks"),
+            "what appears or vanishes is as at the start (first blinks)",
+        ),
+        (
+            'def Points "P" { float[] widths = [1]\npoint3f[] points.timeSamples = { 9: [(0, 0, 0)], 20: [(1,0,0)] } }',
+            "points that move stand as at the start (first P)",
+        ),
+        (
+            'def PointInstancer "I" { rel prototypes = [</square>]\nint[] protoIndices = [0, 0]\n'
+            "point3f[] positions = [(0, 0, 0)] }",
+            "the copies of I are left out: it has 2 of them, 1 places, at most 99999",
+        ),
+        (
+            'def PointInstancer "I" { rel prototypes = </x>\nint[] protoIndices = [0]\npoint3f[] positions = [(0,0,0)]}',
+            "the copies of I are left out: one of its prototypes is missing",
+        ),
+        (
             'def Sphere "ball" { double radius.timeSamples = { 10: 1, 34: 2 } }',
             "radius that changes with time is as at",
+        ),
+        (
+            mesh(
+                "point3f[] points.timeSamples = { 10: [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)],\n"
+                "22: [(0, 0, 0), (1, 0, 0), (0, 0, 1)] }",
+                "melting",
+            ),
+            "melting keeps its first shape: it has 3 points at time 22, not 4",
+        ),
+        (
+            mesh(
+                "int[] faceVertexCounts.timeSamples = { 10: [4], 34: [3] }\npoint3f[] points.timeSamples = { "
+                "10: [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)], 34: [(0, 0, 0), (1, 0, 0), (0, 0, 1)] }",
+                "flat",
+            ),
+            "meshes whose polygons change with time keep their first shape (first flat)",
         ),
         (
             mesh("color3f[] primvars:displayColor.timeSamples = { 10: [(1, 0, 0)], 34: [(0, 1, 0)] }", "painted"),
@@ -251,6 +302,10 @@ def test_samples_that_are_all_alike_change_nothing(tmp_path):
             "lamps for some objects shine on all",
         ),
         (
+            'def DistantLight "l" { rel collection:shadowLink:excludes = </square> }',
+            "lamps for some objects shine on all",
+        ),
+        (
             'def PointInstancer "I" { rel prototypes = [</square>]\nint[] protoIndices = [0, 0]\n'
             "point3f[] positions = [(0, 0, 0), (1, 0, 0)]\n"
             'color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0)] (\ninterpolation = "vertex") }',
@@ -259,6 +314,11 @@ def test_samples_that_are_all_alike_change_nothing(tmp_path):
         (
             'def PointInstancer "I" { rel prototypes = [</square>]\nint[] protoIndices = [0, 0]\n'
             "point3f[] positions = [(0, 0, 0), (1, 0, 0)]\nint64[] invisibleIds.timeSamples = { 10: [], 20: [1] } }",
+            "copies that appear or vanish are as at the start (first I)",
+        ),
+        (
+            'def PointInstancer "I" { rel prototypes = [</square>]\npoint3f[] positions = [(0, 0, 0)]\n'
+            "int[] protoIndices.timeSamples = { 10: [0], 20: [0] } }",
             "copies that appear or vanish are as at the start (first I)",
         ),
     ],
@@ -275,3 +335,28 @@ def test_a_mesh_that_is_a_lamp_is_still_seen(tmp_path):
     world = load_world(usda(tmp_path, lamp))
     assert [each.name for each in world.instances] == ["lamp"]
     assert "lamps of type Mesh are left out (first lamp)" in world.warnings[0]
+
+
+def test_a_warning_names_the_first_alone(tmp_path):
+    curves = 'def BasisCurves "{}" {{ point3f[] points = [(0, 0, 0)] }}\n'
+    world = load_world(usda(tmp_path, mesh() + curves.format("a") + curves.format("b")))
+    assert [text for text in world.warnings if "BasisCurves" in text] == [
+        "scene.usda: BasisCurves is left out (first a)"
+    ]
+
+
+def test_mtlx_files_are_told_once(tmp_path):
+    (tmp_path / "a.mtlx").write_text("<materialx/>")
+    parts = "".join(f'def Material "M{k}" (references = @a.mtlx@</MaterialX>) {{}}\n' for k in range(3))
+    world = load_world(usda(tmp_path, mesh() + parts))
+    assert len(world.warnings) == 1 and "(first a.mtlx)" in world.warnings[0] and "--flatten" in world.warnings[0]
+
+
+def test_usd_core_does_not_write_past_clsim(tmp_path, capfd):
+    """A material that is bound without saying so is used; usd-core would tell it on standard error, for each prim."""
+    material = 'def Material "M" { token outputs:surface.connect = </M/S.outputs:surface>\n def Shader "S" { '
+    material += 'uniform token info:id = "UsdPreviewSurface"\n color3f inputs:diffuseColor = (1, 0, 0)\n '
+    material += "token outputs:surface } }\n"
+    world = load_world(usda(tmp_path, mesh("rel material:binding = </M>") + material))
+    assert world.materials[world.meshes[0].material_ids[0]].color == (1, 0, 0) and not world.warnings
+    assert capfd.readouterr().err == ""

@@ -1,4 +1,4 @@
-"""Materials and lamps of USD files: what they are in clsim."""
+"""Lamps of USD files: what they are in clsim."""
 
 import math
 import zipfile
@@ -6,181 +6,18 @@ import zipfile
 import numpy as np
 import PIL.Image
 import pytest
-from pxr import UsdLux
+from pxr import Usd, UsdGeom, UsdLux
 
 from clsim.scene import load_world
 from tests.scene.usd.usd_files import METRES, SECONDS, mesh, placed, usda
-
-SURFACE = """
-def Material "paint"
-{
-    token outputs:surface.connect = </paint/surface.outputs:surface>
-    def Shader "surface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
-        %s
-        token outputs:surface
-    }
-    def Shader "reader"
-    {
-        uniform token info:id = "UsdPrimvarReader_float2"
-        string inputs:varname = "map1"
-        float2 outputs:result
-    }
-    def Shader "turned"
-    {
-        uniform token info:id = "UsdTransform2d"
-        float2 inputs:in.connect = </paint/reader.outputs:result>
-        float inputs:rotation = 90
-        float2 inputs:scale = (2, 3)
-        float2 inputs:translation = (.25, .5)
-        float2 outputs:result
-    }
-    def Shader "picture"
-    {
-        uniform token info:id = "UsdUVTexture"
-        asset inputs:file = @picture.png@
-        token inputs:sourceColorSpace = "%s"
-        token inputs:wrapS = "mirror"
-        float4 inputs:scale = (2, 2, 2, 1)
-        float2 inputs:st.connect = </paint/turned.outputs:result>
-        float3 outputs:rgb
-        float outputs:r
-        float outputs:g
-        float outputs:a
-    }
-}
-"""
-BOUND = "rel material:binding = </paint>\n"
-UV = 'texCoord2f[] primvars:map1 = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")\n'
-API = '(prepend apiSchemas = ["MaterialBindingAPI"])'
-
-
-def surface(tmp_path, inputs, space="raw", extra=""):
-    """Return the world of a square of that material, and the material."""
-    pixels = np.array([[(0, 64, 128, 255), (255, 32, 16, 0)]], np.uint8)
-    PIL.Image.fromarray(pixels).save(tmp_path / "picture.png")
-    painted = mesh(BOUND + UV + extra).replace('"square"', f'"square" {API}')
-    world = load_world(usda(tmp_path, SURFACE % (inputs, space) + painted))
-    return world, world.materials[world.meshes[0].material_ids[0]]
 
 
 def lamps(tmp_path, text, meta=METRES):
     return load_world(usda(tmp_path, mesh() + text, meta))
 
 
-def test_preview_surfaces_are_principled(tmp_path):
-    inputs = """
-    color3f inputs:diffuseColor = (.1, .2, .3)
-    color3f inputs:emissiveColor = (0, 3, 0)
-    float inputs:roughness = .4
-    float inputs:metallic = .75
-    float inputs:ior = 1.8
-    float inputs:clearcoat = .5
-    float inputs:clearcoatRoughness = .3
-    float inputs:opacity = .6
-    """
-    _, found = surface(tmp_path, inputs)
-    assert (found.kind, found.metallic, found.clearcoat, found.alpha_mode) == ("principled", 0.75, 0.5, "blend")
-    assert found.color == pytest.approx((0.1, 0.2, 0.3))
-    assert found.emission == (0, 3, 0)
-    assert (found.alpha, found.clearcoat_alpha) == pytest.approx((0.16, 0.09))
-    assert (found.ior, found.opacity) == pytest.approx((1.8, 0.6))
-
-
-@pytest.mark.parametrize(
-    ("told", "reflected"), [((0.16, 0.08, 0.04), (0.16, 0.08, 0.04)), ((1, 1, 0.45), (0.9, 0.9, 0.45))]
-)
-def test_specular_colours_are_reflected_at_right_angles(tmp_path, told, reflected):
-    """Up to 0.9 of the light: no index reflects all."""
-    color = f"color3f inputs:specularColor = {told}"
-    _, found = surface(tmp_path, f"float inputs:metallic = 1\nint inputs:useSpecularWorkflow = 1\n{color}")
-    least = ((found.ior - 1) / (found.ior + 1)) ** 2
-    assert np.array(found.specular_color) * least == pytest.approx(reflected)
-    assert found.metallic == 0
-
-
-def test_pictures_keep_their_place_their_factor_and_their_curve(tmp_path):
-    world, found = surface(tmp_path, "color3f inputs:emissiveColor.connect = </paint/picture.outputs:rgb>", "sRGB")
-    texture = world.textures[found.emission_texture]
-    assert texture.srgb and found.emission == (2, 2, 2)
-    assert (texture.wrap_u, texture.wrap_v) == ("mirror", "repeat")
-    # (1, 0), twice as long, turned to (0, 2), then shifted.
-    assert np.array(texture.uv_matrix) @ (1, 0, 1) == pytest.approx((0.25, 2.5))
-    assert np.array(texture.uv_matrix) @ (0, 1, 1) == pytest.approx((-2.75, 0.5))
-    assert world.meshes[0].uvs.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
-
-
-def test_roughness_metalness_and_opacity_take_their_channels(tmp_path):
-    inputs = """
-    float inputs:roughness.connect = </paint/picture.outputs:g>
-    float inputs:metallic.connect = </paint/picture.outputs:r>
-    float inputs:opacity.connect = </paint/picture.outputs:a>
-    float inputs:opacityThreshold = .5
-    """
-    world, found = surface(tmp_path, inputs)
-    rough = world.textures[found.roughness_texture].pixels
-    assert rough[0, :, 1].tolist() == [128, 64]  # times the scale of 2
-    assert rough[0, :, 2].tolist() == [0, 255]
-    assert (found.alpha, found.metallic, found.alpha_mode, found.alpha_cutoff) == (1, 1, "mask", 0.5)
-    assert world.textures[found.opacity_texture].pixels[0, :, 3].tolist() == [255, 0]
-
-
-def test_a_picture_of_metal_leaves_roughness_as_it_is_told(tmp_path):
-    inputs = "float inputs:metallic.connect = </paint/picture.outputs:r>\n    float inputs:roughness = .4\n"
-    world, found = surface(tmp_path, inputs)
-    assert found.metallic == 1 and world.textures[found.roughness_texture].pixels[0, :, 1].tolist() == [255, 255]
-    assert found.alpha == pytest.approx(0.16)
-
-
-def test_subsets_have_materials_of_their_own_and_others_their_colour(tmp_path):
-    subset = """
-    color3f[] primvars:displayColor = [(.1, .7, .2)]
-    def GeomSubset "part" (prepend apiSchemas = ["MaterialBindingAPI"])
-    {
-        uniform token elementType = "face"
-        uniform token familyName = "materialBind"
-        int[] indices = [1]
-        rel material:binding = </paint>
-    }
-    """
-    shape = """
-    int[] faceVertexCounts = [3, 3]
-    int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
-    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
-    """
-    world = load_world(usda(tmp_path, SURFACE % ("", "raw") + mesh(subset, shape=shape)))
-    first, second = (world.materials[k] for k in world.meshes[0].material_ids)
-    assert first.color == pytest.approx((0.1, 0.7, 0.2))
-    assert (second.kind, second.name) == ("principled", "paint")
-
-
-def test_a_mesh_has_the_coordinates_that_the_material_of_its_first_part_asks_for(tmp_path):
-    """``map1``, which the picture's node names, though the mesh itself has no material."""
-    subset = f"""
-    {UV}
-    def GeomSubset "part" {API}
-    {{
-        uniform token elementType = "face"
-        uniform token familyName = "materialBind"
-        int[] indices = [0]
-        {BOUND}
-    }}
-    """
-    inputs = "color3f inputs:diffuseColor.connect = </paint/picture.outputs:rgb>"
-    PIL.Image.fromarray(np.full((2, 2, 4), 255, np.uint8)).save(tmp_path / "picture.png")
-    world = load_world(usda(tmp_path, SURFACE % (inputs, "raw") + mesh(subset)))
-    _, whole = surface(tmp_path, inputs)
-    assert world.materials[world.meshes[0].material_ids[0]].texture == whole.texture >= 0
-    assert world.meshes[0].uvs is not None and np.ptp(world.meshes[0].uvs, axis=0) == pytest.approx((1, 1))
-
-
 def test_lamps_have_their_sizes_and_their_radiance(tmp_path):
     text = """
-    def SphereLight "bulb" { float inputs:radius = 50
-        float inputs:intensity = 3
-        float inputs:exposure = 2
-        color3f inputs:color = (1, .5, .25) }
     def SphereLight "normal" { float inputs:radius = 50
         float inputs:intensity = 12
         bool inputs:normalize = 1 }
@@ -188,8 +25,6 @@ def test_lamps_have_their_sizes_and_their_radiance(tmp_path):
         float inputs:radius = 2
         float inputs:intensity = 8
         bool inputs:normalize = 1 }
-    def DistantLight "far" { float inputs:angle = 0
-        float inputs:intensity = 7 }
     def DistantLight "sun" { float inputs:angle = 2
         float inputs:intensity = 5
         bool inputs:normalize = 1 }
@@ -202,41 +37,35 @@ def test_lamps_have_their_sizes_and_their_radiance(tmp_path):
     def DomeLight "sky" { float inputs:intensity = .5 }
     """
     world = lamps(tmp_path, text, METRES.replace("= 1", "= 0.01"))
-    bulb, normal, sun = world.sphere_lights
-    assert (bulb.radius_m, bulb.radiance) == (pytest.approx(0.5), pytest.approx((12, 6, 3)))
-    assert normal.radiance == pytest.approx((12 / (4 * math.pi * 2500),) * 3)
+    normal, sun = world.sphere_lights
+    assert (normal.radius_m, *normal.radiance) == pytest.approx((0.5, *(12 / (4 * math.pi * 2500),) * 3))
     # A disk of the radiance 5 / (π·sin²(1°)) gives 5 on what faces it.
-    pose = sun.motion.pose(0.0)
-    away, seen = np.linalg.norm(pose[:3, 3]), sun.radius_m / np.linalg.norm(pose[:3, 3])
-    assert seen == pytest.approx(math.sin(math.radians(1)), rel=1e-3)
-    assert sun.radiance[0] * math.pi * seen**2 == pytest.approx(5, rel=1e-3)
-    assert pose[:3, 3] / away == pytest.approx((0, 0, 1), abs=1e-3)
-    dot, far = world.punctual_lights
+    seen = sun.radius_m / np.linalg.norm(sun.motion.pose(0.0)[:3, 3])
+    assert sun.radiance[0] * math.pi * seen**2 == pytest.approx(5, rel=1e-6)
+    (dot,) = world.punctual_lights
     assert dot.intensity == pytest.approx((8 / 4 * 1e-4,) * 3)
-    assert (far.kind, far.intensity) == ("directional", (7, 7, 7))
     panel = next(material for material in world.materials if material.name == "panel")
     assert panel.emission == pytest.approx(tuple(UsdLux.BlackbodyTemperatureAsRgb(3000)))
     assert not panel.emits_behind
     assert world.environment == pytest.approx((0.5, 0.5, 0.5))
 
 
-@pytest.mark.parametrize("kind", ["RectLight", "DiskLight"])
-def test_panels_shine_along_minus_z_with_their_whole_area(tmp_path, kind):
-    world = lamps(
-        tmp_path, f'def {kind} "lamp" {{ float inputs:width = 2\nfloat inputs:height = 3\nfloat inputs:radius = 2 }}'
-    )
-    panel = world.meshes[-1]
-    a, b, c = (panel.vertices[panel.triangles[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a).sum(axis=0) / 2
-    assert area == pytest.approx((0, 0, -6 if kind == "RectLight" else -4 * math.pi), rel=1e-6)
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("kind", "area"), [("RectLight", 6), ("DiskLight", 4 * math.pi), ("CylinderLight", 12 * math.pi)]
+)
+def test_lamps_with_a_shape_shine_with_their_whole_area(tmp_path, kind, area, sign):
+    """Panels along −z, a tube all around; a size below 0 is as one above."""
+    sizes = "".join(f"float inputs:{name} = {sign * size}\n" for name, size in SIZES.items())
+    found = lamps(tmp_path, f'def {kind} "lamp" {{ {sizes} }}').meshes[-1]
+    a, b, c = (found.vertices[found.triangles[:, k]].astype(np.float64) for k in range(3))
+    sides, middles = np.cross(b - a, c - a) / 2, (a + b + c) / 3
+    assert np.linalg.norm(sides, axis=1).sum() == pytest.approx(area, rel=1e-5)
+    outwards = middles * (0, 1, 1) if kind == "CylinderLight" else np.tile((0, 0, -1), (len(sides), 1))
+    assert (np.einsum("nk,nk->n", sides, outwards) > 0).all()
 
 
-def test_a_tube_has_the_area_of_its_round_side(tmp_path):
-    """Its light is what it emits times its area, that of 2π·r·l."""
-    world = lamps(tmp_path, 'def CylinderLight "tube" { float inputs:radius = 0.5\nfloat inputs:length = 3 }')
-    corners = world.meshes[-1].vertices[world.meshes[-1].triangles]
-    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert np.linalg.norm(sides, axis=1).sum() / 2 == pytest.approx(2 * math.pi * 0.5 * 3, rel=1e-5)
+SIZES = {"width": 2, "height": 3, "radius": 2, "length": 3}
 
 
 @pytest.mark.parametrize("metres", ["1", "0.01"])
@@ -273,22 +102,71 @@ def test_a_normalised_lamp_without_a_size_hinders_nothing(tmp_path, kind):
     assert any("no area" in warning for warning in world.warnings) == (kind != "DistantLight")
 
 
-def test_light_changes_with_its_samples(tmp_path):
-    text = 'def SphereLight "blink" { float inputs:intensity.timeSamples = { 10: 2, 22: 8, 34: 0 } }\ndef Camera "c" {}'
-    world = lamps(tmp_path, text, f"{METRES}\n    {SECONDS}")
-    (lamp,) = world.sphere_lights
-    for time_s, intensity in ((0.0, 2), (0.25, 5), (0.5, 8), (0.75, 4)):
-        assert lamp.radiance[0] * lamp.modulation.mean(time_s, time_s)[0] == pytest.approx(intensity)
+CHANGING = "float inputs:intensity.timeSamples = { 10: 2, 22: 8, 34: 0 }\n"
+CONE = "float inputs:shaping:cone:angle = 30"
+
+
+@pytest.mark.parametrize(
+    ("kind", "told", "share"),
+    [
+        ("SphereLight", "", 1.0),
+        ("SphereLight", "bool treatAsPoint = 1", math.pi * 0.25),
+        ("SphereLight", CONE, math.pi * 0.25),
+        ("DistantLight", "float inputs:angle = 2", 1.0),
+        ("DistantLight", "float inputs:angle = 0", 1.0),
+        ("RectLight", "", 1.0),
+        ("DomeLight", "", 1.0),
+    ],
+)
+def test_light_changes_with_its_samples(tmp_path, kind, told, share):
+    timed = f"{METRES}\n    {SECONDS}"
+    text = f'def {kind} "lamp" {{ {CHANGING}{told} }}\n'
+    world = lamps(tmp_path, text + 'def Camera "c" {}', timed)
+    found = [(each.radiance, each.modulation) for each in world.sphere_lights]
+    found += [(each.intensity, each.modulation) for each in world.punctual_lights]
+    found += [(each.emission, each.modulation) for each in world.materials if any(each.emission)]
+    found += [(world.environment, world.environment_modulation)] if kind == "DomeLight" else []
+    ((most, change),) = found
+    for time_s, intensity in ((0.0, 2), (0.25, 5), (0.5, 8), (0.75, 4), (5.0, 0)):
+        assert most[0] * change.mean(time_s, time_s)[0] == pytest.approx(share * intensity)
     assert world.duration_s == 1.0
-    two_s = f"{METRES}\n    {SECONDS}".replace("34", "58")
-    changing = "{ float inputs:intensity.timeSamples = { 10: 2, 58: 8 } }\ndef Camera"
-    sun = lamps(tmp_path, f'def DistantLight "sun" {changing} "c" {{}}', two_s)
-    sky = lamps(tmp_path, f'def DomeLight "sky" {changing} "c" {{}}', two_s)
-    assert sky.environment[0] * sky.environment_modulation.mean(1.0, 1.0)[0] == pytest.approx(5)
-    assert sun.duration_s == sky.duration_s == 2.0
-    # Without a camera all goes on anew.
-    (lamp,) = lamps(tmp_path, text.partition("\n")[0], f"{METRES}\n    {SECONDS}").sphere_lights
-    assert lamp.radiance[0] * lamp.modulation.mean(1.25, 1.25)[0] == pytest.approx(5)
+    if kind == "SphereLight" and not told:  # without a camera all goes on anew
+        (lamp,) = lamps(tmp_path, text, timed).sphere_lights
+        assert lamp.radiance[0] * lamp.modulation.mean(1.25, 1.25)[0] == pytest.approx(5)
+
+
+def test_a_sun_turns_about_the_middle_of_what_it_lights(tmp_path):
+    """At each time it stands where usd-core's +z axis of it points to, and is as far and as large as at the start."""
+    turning = placed("float xformOp:rotateX.timeSamples = { 10: 0, 34: -120 }", "float xformOp:rotateY = 30")
+    square = mesh(placed("double3 xformOp:translate = (50, 0, 0)"))
+    text = square + f'def DistantLight "sun" {{ float inputs:angle = 2\n{turning} }}\ndef Camera "c" {{}}'
+    path = usda(tmp_path, text, f"{METRES}\n    {SECONDS}")
+    (sun,) = load_world(path).sphere_lights
+    stage = Usd.Stage.Open(str(path))
+    prim = UsdGeom.Xformable(stage.GetPrimAtPath("/sun"))
+    for code in (10, 16, 22, 34):
+        away = sun.motion.pose((code - 10) / 24)[:3, 3] - (50, 0, 0)
+        assert np.linalg.norm(away) == pytest.approx(1e4 * math.sqrt(2))
+        axis = np.array(prim.ComputeLocalToWorldTransform(code))[2, :3]
+        assert away / np.linalg.norm(away) == pytest.approx(axis, abs=1e-4)
+
+
+@pytest.mark.parametrize("first", ["asset inputs:texture:file = @sky.png@", "float inputs:intensity = 3"])
+def test_of_several_domes_the_first_is_used(tmp_path, first):
+    PIL.Image.new("RGB", (4, 2), (255, 0, 0)).save(tmp_path / "sky.png")
+    second = 'def DomeLight "more" { asset inputs:texture:file = @sky.png@\nfloat inputs:intensity = 9 }'
+    world = lamps(tmp_path, f'def DomeLight "sky" {{ {first} }}\n{second}')
+    light = world.environment if world.environment_map is None else world.environment_map.radiance.max(axis=(0, 1))
+    assert tuple(light) == ((3, 3, 3) if "intensity" in first else (1, 0, 0))
+    assert any("of several domes the first is used (more is left out)" in warning for warning in world.warnings)
+
+
+def test_a_dome_of_another_layout_is_told(tmp_path):
+    PIL.Image.new("RGB", (4, 2)).save(tmp_path / "sky.png")
+    picture = 'asset inputs:texture:file = @sky.png@\ntoken inputs:texture:format = "angular"'
+    world = lamps(tmp_path, f'def DomeLight "sky" {{ {picture} }}')
+    assert world.environment == (1, 1, 1) and world.environment_map is None
+    assert any("its format is angular, expected latlong" in warning for warning in world.warnings)
 
 
 def test_the_dome_shows_each_direction_what_usd_says(tmp_path):
@@ -329,6 +207,16 @@ def test_a_dome_whose_picture_of_light_is_packed_says_what_to_do(tmp_path, name)
     assert any(said in warning for warning in world.warnings), world.warnings
 
 
+def test_a_dome_s_picture_in_a_package_is_that_of_the_file(tmp_path):
+    PIL.Image.fromarray(np.arange(0, 240, 10, dtype=np.uint8).reshape(2, 4, 3)).save(tmp_path / "sky.png")
+    path = usda(tmp_path, mesh() + 'def DomeLight "sky" { asset inputs:texture:file = @sky.png@ }')
+    with zipfile.ZipFile(tmp_path / "scene.usdz", "w") as package:
+        package.write(path, "scene.usda")
+        package.write(tmp_path / "sky.png", "sky.png")
+    loose, packed = (load_world(each).environment_map.radiance for each in (path, tmp_path / "scene.usdz"))
+    np.testing.assert_allclose(packed, loose, rtol=1e-5)
+
+
 def test_what_is_lacking_is_told_once(tmp_path):
     text = """
     def BasisCurves "hair" {}
@@ -356,7 +244,7 @@ def test_softness_is_the_share_of_the_cone_in_which_light_falls(tmp_path, softne
 def test_lamps_of_before_their_inputs_were_called_so(tmp_path, prefix):
     # Files of before USD 21.02, such as Blender's up to 2.93.
     ball = 'def SphereLight "ball" { float <intensity = 50\nfloat <exposure = 1\ncolor3f <color = (1, 0.5, 0.25)\n'
-    ball += "float <radius = 2\nbool <normalize = 0 }\n"
+    ball += "float <radius = 2\nbool <normalize = 0\n" + ("float intensity = 7 }\n" if prefix else "}\n")
     spot = 'def SphereLight "spot" { float <radius = 0.1\nfloat <shaping:cone:angle = 30 }\n'
     sky = 'def DomeLight "sky" { asset <texture:file = @sky.png@\nfloat <intensity = 3 }\n'
     PIL.Image.new("RGB", (4, 2), (255, 255, 255)).save(tmp_path / "sky.png")
