@@ -41,7 +41,10 @@ def check(value: Any, where: str, folder: Path) -> Any:
         if isinstance(value, list):
             return [check(each, f"{where}[{k}]", folder) for k, each in enumerate(value)]
         return value
-    (kind,) = set(value) - {_HELD_OUT} or ("",)
+    kinds = sorted(set(value) - {_HELD_OUT})
+    if len(kinds) != 1:
+        raise InputError(f"{where}: must have one distribution, got {' and '.join(kinds) or 'held_out alone'}")
+    (kind,) = kinds
     told = value.get(kind)
     held_out = value.get(_HELD_OUT, False)
     if not isinstance(held_out, bool) or (held_out and kind not in ("choice", "files")):

@@ -117,6 +117,8 @@ def test_a_sequence_sees_its_own_parts_values_alone():
         ({"files": "none/*.glb"}, "no file matches"),
         ({"uniform": [0, 1], "held_out": True}, "held_out"),
         ({"uniform": [0.0, float("nan")]}, "two numbers"),
+        ({"uniform": [0, 1], "choice": [2]}, "must have one distribution, got choice and uniform"),
+        ({"held_out": False}, "must have one distribution, got held_out alone"),
     ],
 )
 def test_what_is_no_distribution(tmp_path, value, sentence):
