@@ -21,7 +21,7 @@ _SCENE = {
         {
             "count": {"integers": [2, 5]},
             "size": {"log_uniform": [0.1, 10.0]},
-            "orbit": {"radius_m": {"uniform": [1, 2]}},
+            **{name: {"a": {"uniform": [1, 2]}} for name in ("orbit", "keyframes", "wander", "shake")},
         },
         {"name": "floor"},
     ],
@@ -42,7 +42,9 @@ def test_each_seed_varies_its_own_stream():
     plain, moved, placed = draw(), draw(motion=1), draw(scene=1)
     assert plain["camera"] != moved["camera"]
     assert [o.get("size") for o in plain["objects"]] == [o.get("size") for o in moved["objects"]]
-    assert plain["objects"][0]["orbit"] != moved["objects"][0]["orbit"]
+    for name in ("orbit", "keyframes", "wander", "shake"):
+        assert plain["objects"][0][name] != moved["objects"][0][name]
+        assert plain["objects"][0][name] == placed["objects"][0][name]
     assert plain["camera"] == placed["camera"]
     assert [o.get("size") for o in plain["objects"]] != [o.get("size") for o in placed["objects"]]
     assert Drawer(Seeds(noise=1), 0).seed() != Drawer(Seeds(), 0).seed() == Drawer(Seeds(motion=1), 0).seed()
@@ -75,6 +77,21 @@ def test_values_are_spread_as_told():
     assert (n.mean(), n.std()) == (pytest.approx(5.0, abs=0.15), pytest.approx(2.0, abs=0.15))
     assert {each["i"] for each in drawn} == {1, 2, 3}
     assert {each["c"] for each in drawn} == {"a", "b"}
+
+
+@pytest.mark.parametrize(
+    ("template", "value"),
+    [
+        ({"uniform": [2.0, 2.0]}, 2.0),
+        ({"uniform": [[1, 2], [1, 2]]}, [1.0, 2.0]),
+        ({"log_uniform": [3.0, 3.0]}, 3.0),
+        ({"normal": [5.0, 0.0]}, 5.0),
+        ({"integers": [4, 4]}, 4),
+        ({"choice": ["a"]}, "a"),
+    ],
+)
+def test_a_range_may_be_a_single_value(template, value):
+    assert draw(template=check(template, "scene", None)) == pytest.approx(value)
 
 
 @given(st.integers(1, 3000))
@@ -124,6 +141,11 @@ def test_a_sequence_sees_its_own_parts_values_alone():
 def test_what_is_no_distribution(tmp_path, value, sentence):
     with pytest.raises(InputError, match=rf"scene\.x: .*{sentence}"):
         check({"x": value}, "scene", tmp_path)
+
+
+def test_fewer_held_out_values_than_parts_are_told():
+    with pytest.raises(InputError, match="2 held-out values cannot be shared out over 3 parts"):
+        shared_out(["a", "b"], _PARTS, 0)
 
 
 def test_only_the_scenes_seed_shares_out_what_is_held_out():

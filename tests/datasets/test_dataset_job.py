@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
@@ -17,6 +18,7 @@ import pytest
 from clsim.datasets import engine, job
 from clsim.datasets.engine import Progress, _missing, prepare
 from clsim.datasets.job import Done, read_done, run_job, sequence_folder
+from clsim.datasets.manifest import read_manifest
 from clsim.datasets.measure import Figures
 from clsim.datasets.spec import Limits, load_spec
 from clsim.errors import InputError
@@ -80,6 +82,9 @@ def test_attempts_end_with_the_first_that_is_kept(tmp_path, spec, made):
     assert done.rejected[1] == "attempt 1: events_per_pixel_s is 2, expected 2.5 to 9"
     assert set(done.files) == {"attempt-2.h5", "scene.toml"}
     assert len({sample.run["seed"] for sample in made}) == 3
+    made.clear()
+    usual = replace(spec, reject=Limits(events_per_pixel_s=(5.0, 9.0)))
+    assert run_job(usual, 1, str(tmp_path), None).kept and len(made) == 5
     progress = Progress(1)
     progress.add(done)
     assert (progress.whole, progress.rejected) == (1, 0)
@@ -103,6 +108,20 @@ def test_folders_of_killed_processes_go_and_those_of_others_stay(tmp_path, spec,
         each.mkdir(parents=True)
     run_job(spec, 0, str(tmp_path), None)
     assert not left.exists() and foreign.exists() and running.exists()
+
+
+@pytest.mark.parametrize("number", [errno.ENOTEMPTY, errno.EEXIST, errno.ENOSPC])
+def test_of_two_that_make_a_sequence_at_a_time_the_second_gives_way(tmp_path, spec, made, monkeypatch, number):
+    def rename(part, target):
+        raise OSError(number, "as told")
+
+    monkeypatch.setattr("os.rename", rename)
+    if number == errno.ENOSPC:
+        with pytest.raises(OSError, match="as told"):
+            run_job(spec, 0, str(tmp_path), None)
+    else:
+        assert run_job(spec, 0, str(tmp_path), None).kept
+    assert not any((tmp_path / "sequences").iterdir()), "nothing is left of it"
 
 
 def test_a_torn_sequence_gives_way(tmp_path, spec, made):
@@ -141,6 +160,7 @@ def test_what_ends_badly_is_tried_again_and_what_stays_bad_is_told(tmp_path, spe
         3: [RuntimeError(f"died {k}") for k in (1, 2, 3, 4)],
         4: [done(4, kept=False, rejected=("too dark", "too dark"))],
     }
+    ahead: list[set[int]] = [set()]
 
     class Running(list):
         add = list.append
@@ -152,8 +172,10 @@ def test_what_ends_badly_is_tried_again_and_what_stays_bad_is_told(tmp_path, spe
     class Task:
         def __init__(self, run, spec, index, out, threads, key):
             self.index = index
+            ahead.append(ahead[-1] | {index})
 
         def result(self):
+            ahead.append(ahead[-1] - {self.index})
             found = will[self.index].pop(0)
             if isinstance(found, Exception):
                 raise found
@@ -168,6 +190,7 @@ def test_what_ends_badly_is_tried_again_and_what_stays_bad_is_told(tmp_path, spe
     monkeypatch.setattr(engine, "_compile", lambda *given: None)
     progress = engine.make(replace(spec, count=5), tmp_path / "set")
     assert progress.failures == {2: "InputError: no scene", 3: "RuntimeError: died 3"}
+    assert max(map(len, ahead)) == 4, "of a set of thousands few are sent ahead"
     assert {index: len(rest) for index, rest in will.items()} == {0: 0, 1: 0, 2: 0, 3: 1, 4: 0}
     assert (progress.whole, progress.found, progress.new, progress.rejected, progress.cpu_s) == (3, 0, 2, 1, 6.0)
 
@@ -180,6 +203,20 @@ def test_a_specification_that_was_wrong_does_not_take_its_folder(tmp_path, spec,
     run_job(other, 0, str(out), None)
     with pytest.raises(InputError, match="another specification, seed or version"):
         prepare(spec, out)
+
+
+def test_a_folder_that_cannot_be_a_data_set_and_what_is_missing_are_told(tmp_path, spec, monkeypatch):
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "dataset.json").write_text("[")
+    with pytest.raises(InputError, match=r"dataset.json: is damaged; remove it if the folder is of this specification"):
+        prepare(spec, tmp_path / "set")
+    with pytest.raises(InputError, match=r"cannot be written \(Not a directory\)"):
+        prepare(spec, tmp_path / "a.toml" / "set")
+    with pytest.raises(InputError, match=r"set: holds no data set, for manifest.parquet is missing"):
+        read_manifest(tmp_path / "set")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"data sets need dask.distributed; install it with: pip install 'clsim\[clu"):
+        engine.make(spec, tmp_path / "other")
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", "null", '{"files": 3}', '{"index": 1, "job": 2}', "\xff"])

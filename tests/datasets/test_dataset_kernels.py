@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from concurrent.futures import CancelledError
 from types import SimpleNamespace
@@ -37,11 +38,13 @@ def test_a_cache_that_cannot_be_written_costs_no_sequence(tmp_path, monkeypatch)
     for variable in ("XDG_CACHE_HOME", "CLSIM_USER_CACHE", "POCL_MAX_PTHREAD_COUNT"):
         monkeypatch.setenv(variable, "")
     for variable in ("WARP_CACHE_PATH", "POCL_CACHE_DIR", "PYOPENCL_CACHE_DIR"):
-        monkeypatch.delenv(variable, raising=False)
+        monkeypatch.setenv(variable, "elsewhere")
     (tmp_path / "clsim").write_text("no folder")
     monkeypatch.setenv("CLSIM_USER_CACHE", str(tmp_path))
     caches = KernelCaches("spec", 3)
     caches.setup(SimpleNamespace(local_directory=str(tmp_path / "worker")))
+    assert os.environ["XDG_CACHE_HOME"] == str(tmp_path / "worker/kernels")
+    assert not {"WARP_CACHE_PATH", "POCL_CACHE_DIR", "PYOPENCL_CACHE_DIR"} & {*os.environ}, "which lead elsewhere"
     assert os.environ["POCL_MAX_PTHREAD_COUNT"] == "3", "as many threads as a worker has"
     with caches.shared():
         made = tmp_path / "worker/kernels/warp/k.o"
@@ -49,6 +52,50 @@ def test_a_cache_that_cannot_be_written_costs_no_sequence(tmp_path, monkeypatch)
         made.write_text("kernel")
     with pytest.raises(ZeroDivisionError), caches.shared():
         _ = 1 / 0
+
+
+def test_what_one_worker_compiles_is_there_for_the_next_of_the_specification(tmp_path, monkeypatch):
+    for variable in ("XDG_CACHE_HOME", "POCL_MAX_PTHREAD_COUNT"):
+        monkeypatch.setenv(variable, "")
+    monkeypatch.setenv("CLSIM_USER_CACHE", str(tmp_path))
+    for number, specification in enumerate(("flow", "flow", "other")):
+        caches, kernel = KernelCaches(specification, 1), tmp_path / f"worker {number}" / "kernels/warp/k.o"
+        caches.setup(SimpleNamespace(local_directory=str(kernel.parents[2])))
+        with caches.shared():
+            assert kernel.exists() == (number == 1)
+            kernel.parent.mkdir(parents=True, exist_ok=True)
+            kernel.write_text(specification)
+        assert (tmp_path / "clsim/kernels" / specification / "warp/k.o").read_text() == specification
+
+
+@pytest.mark.parametrize(
+    ("workers", "scheduler", "processes", "threads"),
+    [(None, None, 4, 2), (3, None, 3, 2), (16, None, 16, 1), (None, "tcp://a:1", None, 1), (2, "nobody", None, 1)],
+)
+def test_workers_share_the_cores_of_a_machine(monkeypatch, workers, scheduler, processes, threads):
+    """Of eight; what cores a cluster has nobody knows here."""
+    asked = []
+
+    class Client(contextlib.nullcontext):
+        def __init__(self, where, timeout=None):
+            super().__init__(self)
+            if where == "nobody":
+                raise OSError("no such host")
+
+        def register_plugin(self, plugin):
+            asked.append(plugin._threads)
+
+    def cluster(n_workers, **_):
+        asked.append(n_workers)
+        return contextlib.nullcontext()
+
+    monkeypatch.setattr("distributed.Client", Client)
+    monkeypatch.setattr("distributed.LocalCluster", cluster)
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    told = pytest.raises(InputError, match="nobody: no scheduler of Dask answers \\(no such host\\)")
+    told = told if scheduler == "nobody" else contextlib.nullcontext()
+    with told, engine._client(load_spec("flow"), workers, scheduler) as (_, found):
+        assert found == threads and asked == [*([processes] if scheduler is None else []), threads]
 
 
 def test_what_is_compiled_ahead_are_two_frames_however_long_sequences_are(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -74,18 +75,27 @@ def test_a_camera_inside_of_something_is_refused():
 def test_what_all_will_cost_is_told_by_ten(tmp_path, monkeypatch, workers, hours):
     """Of 100 sequences, each of 36 s and 50 MB, on a machine of eight cores: no more of them work at once."""
 
+    asked, sheets = [], []
+
     def made(spec, index, out, threads):
-        assert spec.layout == "h5" and set(spec.run["truth"]) == {*tiny.run["truth"], "intensity"}, "the sheet shows it"
-        return Done(index, "", "", {"events.h5": (50_000_000, "")}, {}, ("too dark",) * 2, False, {"cpu_s": 36.0})
+        asked.append((spec.layout, spec.run["truth"]))
+        kept = index % 2 == 1
+        return Done(index, "", "", {"events.h5": (50_000_000, "")}, {}, ("too dark",) * 2, kept, {"cpu_s": 36.0})
 
     monkeypatch.setattr(preview_module, "run_job", made)
+    monkeypatch.setattr(preview_module, "read_done", lambda place: place)
+    monkeypatch.setattr(preview_module, "Sequence", contextlib.nullcontext)
+    monkeypatch.setattr(preview_module, "_tile", lambda place: int(place.name))
+    monkeypatch.setattr(preview_module, "_write_sheet", lambda tiles, path: sheets.append(tiles))
     monkeypatch.setattr("os.cpu_count", lambda: 8)
     tiny = load_spec(str(Path(__file__).parent / "tiny.toml"), 100)
-    spec = replace(tiny, layout="dsec")
-    for longest_s, samples in ((60.0, 10), (-1.0, 1)):
+    for longest_s, samples, truth in ((60.0, 10, ["depth", "flow"]), (-1.0, 1, "depth")):
+        spec = replace(tiny, layout="dsec", run=tiny.run | {"truth": truth})
         told = preview_module.preview(spec, tmp_path / "new" / "folder", workers, longest_s)
         assert (told.samples, told.rejected) == (samples, 2 * samples)
         assert (told.cpu_hours, told.hours, told.gigabytes) == pytest.approx((1.0, hours, 5.0))
+        assert asked[-1] == ("h5", ["depth", *(["flow"] if samples > 1 else []), "intensity"]), "the sheet shows it"
+    assert sheets == [[1, 3, 5, 7, 9], []], "of those that are kept"
 
 
 def test_samples_stand_in_rows_of_five(tmp_path):
@@ -102,11 +112,13 @@ def test_a_sample_s_events_are_those_next_to_its_picture_in_time():
     events["y"], events["x"] = np.divmod(np.random.default_rng(3).permutation(96), 12)
     events["on"] = np.arange(96) % 3 == 0
     times_us = np.array([0, 10_000, 20_000])
+    light = np.repeat([[4.0], [1.0]], [2, 6], axis=0).repeat(12, axis=1)
+    light[0, -1] = 1000.0  # a lamp leaves all else as bright as it is
     told = SimpleNamespace(
         width=12,
         height=8,
         frame_times_us=times_us,
-        truth=lambda name, frame: np.repeat([[4.0], [1.0]], [2, 6], axis=0).repeat(12, axis=1),
+        truth=lambda name, frame: light,
         events=lambda start_us, end_us: events[(events["t"] >= start_us) & (events["t"] < end_us)],
     )
     tile = preview_module._tile(told)

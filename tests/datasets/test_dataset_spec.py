@@ -177,6 +177,7 @@ def test_files_lie_beside_the_specification(tmp_path, text):
     ("text", "sentence"),
     [
         ("count = 0", "count must be a whole number"),
+        ("count = true", "count must be a whole number"),
         ("cuont = 3", "no key 'cuont'; did you mean 'count'"),
         ("[run]\nduratoin_s = 1", "run.duratoin_s is no option of sequences; did you mean 'duration_s'"),
         ("[scene]\nfps = { unifrm = [1, 2] }", "scene.fps: there is no distribution 'unifrm'; did you mean 'uniform'"),
@@ -188,7 +189,9 @@ def test_files_lie_beside_the_specification(tmp_path, text):
             (f"[run]\n{option} = 1", f"run.{option} is no option of sequences")
             for option in ("strict", "threads", "opencl", "loop", "pace", "governor", "ring")
         ),
-        ("split = { a = 0.5, b = 0.49 }", "add up to 1"),
+        ("scene = 3", "scene must be a table"),
+        ("scene.objects = [{}, { size = { uniform = [1] } }]", r"scene.objects\[1\].size: uniform must be two numbers"),
+        ("split = { a = 0.5, b = 0.49 }", "add up to 1, got 0.99"),
         ("split = { a = 'x' }", "split must have a share"),
         ("[reject]\nflow_p95_px = [0, 1]", "needs run.truth to hold 'flow'"),
         ("[reject]\nmoving_share = [0, 1]", "needs run.truth to hold 'flow'"),
@@ -216,7 +219,7 @@ def test_rules_find_the_truth_that_they_need(tmp_path, truth):
 
 def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
     """As editors on Windows write it."""
-    assert spec_of(tmp_path, "\ufeffcount = 7").count == 7
+    assert spec_of(tmp_path, "\ufeffcount = 7").count == 7 and spec_of(tmp_path, "").count == 1
 
 
 def test_a_count_that_is_given_replaces_the_files(tmp_path):
@@ -244,6 +247,20 @@ def test_toml_comes_back(tmp_path_factory, table):
     path = tmp_path_factory.mktemp("toml") / "a.toml"
     path.write_text(to_toml(table), encoding="utf-8")
     assert read_toml(path) == table
+
+
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        ({"base": "a.obj"}, "scene.base a.obj: must be a bundled scene or a .toml"),
+        ({"base": "none.toml"}, "none.toml: cannot be read (No such file or directory)"),
+        ({"fps": float("inf")}, "inf is no number for a scene"),
+        ({"name": None}, "None cannot stand in a scene"),
+    ],
+)
+def test_what_is_no_scene_is_told(scene, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        scene_text(scene)
 
 
 def test_a_sensor_may_be_a_preset(tmp_path):
