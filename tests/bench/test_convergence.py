@@ -45,6 +45,7 @@ def test_it_stops_where_both_scores_have_settled(ceilings, same, spp, moved):
     steps = [(8, 20.0, 5), *(finest[each] for each in (16, 32) if each <= spp)]
     assert made == [(name, *step, seed) for step in steps for name, seed in kinds]
     assert done.reference.options == done.options and done.ceiling.options == replace(done.options, seed=2)
+    assert [replace(done, moved=each).converged for each in (None, 0.019, 0.02, 0.03)] == [False, True, False, False]
     assert done.spent_s == sum(2 * step[0] * step[2] for step in steps)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,25 @@ def test_lamps_shine_down():
     for lamp in bumpy_room(5_000).meshes[-2:]:
         a, b, c = np.moveaxis(lamp.vertices[lamp.triangles], 1, 0)
         assert (np.cross(b - a, c - a)[:, 1] < 0).all()
+
+
+def test_works_take_turns_and_the_median_round_counts(monkeypatch):
+    now, order = [0.0, 0.0], []
+    clock = SimpleNamespace(perf_counter=lambda: now[0], process_time=lambda: now[1])
+    monkeypatch.setattr(render, "time", clock)
+
+    def work(name, seconds):
+        def call():
+            order.append(name)
+            wall = next(seconds)
+            now[:] = now[0] + wall, now[1] + wall / 10
+
+        return call
+
+    works = {"a": [work("a", iter([1.0, 9.0, 2.0]))], "b": [work("b", iter([4.0] * 6))] * 2}
+    wall, cpu = render.take_turns(works, 3)
+    assert wall == {"a": 2.0, "b": 8.0} and cpu == pytest.approx({"a": 0.2, "b": 0.8})
+    assert "".join(order) == "abb" * 3
 
 
 def check(figures: dict[str, Any]) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from clsim.bench.throughput import scene
 from clsim.bench.throughput.scene import WIDTH, narrow, scene_throughput
 from clsim.scene import load_world
 
@@ -12,6 +15,20 @@ from clsim.scene import load_world
 def test_a_picture_keeps_its_shape():
     camera = narrow(load_world("two-boxes", resolution=(640, 480))).camera
     assert (camera.width, camera.height) == (WIDTH, 3 * WIDTH // 4)
+
+
+def test_figures_of_two_pictures_by_hand(monkeypatch):
+    """Of 1 and 3 everywhere: a mean of 2 and a deviation of √2; five seconds each."""
+    monkeypatch.setattr(scene, "_tracer", lambda world, spp, seed: SimpleNamespace(seed=seed, close=lambda: None))
+    monkeypatch.setattr(scene, "_picture", lambda tracer: np.full((3, 120, 160), 1.0 + 2 * tracer.seed))
+    monkeypatch.setattr(scene, "take_turns", lambda works, rounds: ({}, dict.fromkeys(works, 5.0)))
+    found = scene_throughput(load_world("two-boxes", resolution=(32, 24)), spp=7)
+    figures = {name: value["clsim"] for name, value in found.items()}
+    pixels = 160 * 120
+    assert figures == pytest.approx({
+        "mean_radiance": 2.0, "relative_noise": 2**-0.5, "paths_per_cpu_second": 7 * pixels / 5,
+        "efficiency": pixels / (5 * 0.5),
+    })  # fmt: skip
 
 
 @pytest.mark.slow
