@@ -65,15 +65,29 @@ def test_copies_stand_where_usd_puts_them(tmp_path):
             assert np.allclose(points_at(world, instance, (code - 10) / 24), expected, atol=2e-3)
 
 
-def test_copies_that_only_grow_are_as_large_as_they_are_then(tmp_path):
+@pytest.mark.parametrize(
+    "changing",
+    [
+        "float3[] scales.timeSamples = { 10: [(1, 1, 1)], 34: [(3, 3, 3)] }",
+        "quath[] orientations.timeSamples = { 10: [(1, 0, 0, 0)], 34: [(0.8, 0, 0.6, 0)] }",
+        "quatf[] orientationsf.timeSamples = { 10: [(1, 0, 0, 0)], 34: [(0.8, 0, 0.6, 0)] }",
+    ],
+)
+def test_copies_of_which_one_thing_changes_are_as_it_is_then(tmp_path, changing):
     text = f"""def PointInstancer "one" {{ point3f[] positions = [(1, 0, 0)]
         int[] protoIndices = [0]
-        float3[] scales.timeSamples = {{ 10: [(1, 1, 1)], 34: [(3, 3, 3)] }}
+        {changing}
         rel prototypes = </one/square>
         {mesh()} }}\n"""
-    world = load_world(usda(tmp_path, text + CAMERA, TIMED))
-    for time_s, width in ((0.0, 2.0), (0.5, 4.0), (1.0, 6.0)):
-        assert np.ptp(points_at(world, world.instances[0], time_s)[:, 0]) == pytest.approx(width)
+    path = usda(tmp_path, text + CAMERA, TIMED)
+    world, stage = load_world(path), Usd.Stage.Open(str(path))
+    one = UsdGeom.PointInstancer(stage.GetPrimAtPath("/one"))
+    square = np.array([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)])
+    seen = [points_at(world, world.instances[0], (code - 10) / 24) for code in (10, 16, 22, 34)]
+    for code, found in zip((10, 16, 22, 34), seen, strict=True):
+        matrix = np.array(one.ComputeInstanceTransformsAtTime(code, code))[0]
+        np.testing.assert_allclose(found, square @ matrix[:3, :3] + matrix[3, :3], atol=2e-3)
+    assert np.abs(seen[0] - seen[-1]).max() > 0.3
 
 
 def test_copies_within_copies(tmp_path):
@@ -116,16 +130,17 @@ def test_copies_that_are_hidden_are_left_out_and_no_others(tmp_path, hidden):
     assert sorted(each.motion.pose(0.0)[1, 3] for each in world.instances) == [0, 6]
 
 
-def test_copies_of_a_prototype_that_is_not_there_are_told(tmp_path):
-    text = """def PointInstancer "many" {
+@pytest.mark.parametrize(("indices", "wrong"), [([0, 1], 1), ([0, -3], -3)])
+def test_copies_of_a_prototype_that_is_not_there_are_told(tmp_path, indices, wrong):
+    text = f"""def PointInstancer "many" {{
         point3f[] positions = [(0, 0, 0), (0, 3, 0)]
-        int[] protoIndices = [0, 1]
+        int[] protoIndices = {indices}
         rel prototypes = </many/box>
-        def Cube "box" { double size = 1 } }
-        def Cube "alone" { double size = 1 }"""
+        def Cube "box" {{ double size = 1 }} }}
+        def Cube "alone" {{ double size = 1 }}"""
     world = load_world(usda(tmp_path, text))
     assert len(world.instances) == 1
-    assert any("many are left out: one is of prototype 1, of 1" in each for each in world.warnings)
+    assert any(f"many are left out: one is of prototype {wrong}, of 1" in each for each in world.warnings)
 
 
 @pytest.mark.parametrize("moving", [True, False])

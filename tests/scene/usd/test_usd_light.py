@@ -83,6 +83,7 @@ def test_a_normalised_sphere_shines_as_brightly_however_small_it_is(tmp_path, me
 @pytest.mark.parametrize("normalize", [0, 1])
 def test_a_sphere_that_is_shown_as_a_point_shines_as_the_sphere_does(tmp_path, metres, normalize):
     told = f"float inputs:radius = 3\nfloat inputs:intensity = 8\nbool inputs:normalize = {normalize}\n"
+    told += placed("float3 xformOp:scale = (2, 2, 2)")
     text = f'def SphereLight "ball" {{ {told} }}\ndef SphereLight "dot" {{ bool treatAsPoint = 1\n{told} }}'
     world = lamps(tmp_path, text, METRES.replace("= 1", f"= {metres}"))
     (ball,), (dot,) = world.sphere_lights, world.punctual_lights

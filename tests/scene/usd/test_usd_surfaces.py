@@ -152,6 +152,23 @@ def test_pictures_are_multiplied_by_what_else_is_told_and_gone_where_they_do_not
     assert [name for name in ("texture", "emission_texture") if getattr(made, name) >= 0] == [where] * bool(where)
 
 
+def test_pictures_of_roughness_and_metalness_may_differ_in_size(tmp_path):
+    """Each texel of the smaller one stands for as many of the larger one."""
+    for name, row in (("a", [0, 255]), ("b", [0, 85, 170, 255])):
+        Image.fromarray(np.array([row], np.uint8)).save(tmp_path / f"{name}.png")
+    nodes = PICTURE + "\n" + PICTURE.replace('"P"', '"Q"').replace("@a.png@", "@b.png@")
+    inputs = [f"float inputs:{name}.connect = </M/{node}.outputs:out>" for name, node in
+              (("specular_roughness", "P"), ("metalness", "Q"))]  # fmt: skip
+    world, made = materials_of(
+        tmp_path,
+        "ND_standard_surface_surfaceshader",
+        inputs,
+        nodes=nodes.replace("color3", "float").replace("floatf", "float"),
+    )
+    texels = world.textures[made.roughness_texture].pixels[0]
+    assert texels[:, 1].tolist() == [0, 0, 255, 255] and texels[:, 2].tolist() == [0, 85, 170, 255]
+
+
 def test_tiles_of_materialx_are_as_many_along_each_axis_as_told(tmp_path):
     Image.fromarray(np.full((2, 2, 3), 128, np.uint8)).save(tmp_path / "a.png")
     nodes = """def Shader "P" { uniform token info:id = "ND_tiledimage_color3"
@@ -174,13 +191,14 @@ def test_a_coloured_coat_tints_what_lies_below(tmp_path):
 
 
 def test_a_picture_for_a_number_counts_by_its_mean(tmp_path):
-    Image.fromarray(np.repeat(np.array([[0, 255], [255, 255]], np.uint8)[..., None], 3, 2)).save(tmp_path / "a.png")
+    """Of the channel that is asked for."""
+    Image.fromarray(np.array([[(9, 0, 9), (9, 255, 9)], [(9, 255, 9)] * 2], np.uint8)).save(tmp_path / "a.png")
     nodes = """def Shader "P" {
         uniform token info:id = "UsdUVTexture"
         asset inputs:file = @a.png@
         token inputs:sourceColorSpace = "raw"
-        float outputs:r }"""
-    inputs = ["float inputs:clearcoat.connect = </M/P.outputs:r>"]
+        float outputs:g }"""
+    inputs = ["float inputs:clearcoat.connect = </M/P.outputs:g>"]
     world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, nodes=nodes, output="surface")
     assert made.clearcoat == pytest.approx(0.75)
     assert any("the mean of clearcoat textures" in text for text in world.warnings)

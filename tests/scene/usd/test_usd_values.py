@@ -22,9 +22,13 @@ def outward(tmp_path, text):
     return np.cross(b - a, c - a).sum(axis=0)
 
 
-def test_left_handed_faces_look_the_other_way(tmp_path):
+@pytest.mark.parametrize(
+    "extra", ["", 'float2[] primvars:st = [(0,0), (1,0), (1,1), (0,1)] (interpolation = "faceVarying")']
+)
+def test_left_handed_faces_look_the_other_way(tmp_path, extra):
     """UsdGeom: orientation says by which hand the normal of a face's points is told."""
-    right, left = (outward(tmp_path, mesh(extra)) for extra in ("", 'uniform token orientation = "leftHanded"'))
+    told = ("", '\nuniform token orientation = "leftHanded"')
+    right, left = (outward(tmp_path, mesh(extra + hand)) for hand in told)
     assert right == pytest.approx((0, 8, 0)) and left == pytest.approx(-right)
 
 
@@ -79,19 +83,19 @@ def test_normals_that_move_with_the_points_are_those_of_the_time(tmp_path, name,
 
 
 def test_holes_are_faces_by_their_number_and_the_rest_stays(tmp_path):
-    """Of a quad, a triangle and a quad, of which each is a hole in turn."""
+    """Of a quad, a triangle and a quad, of which each is a hole in turn, or two are."""
     points = "[(0,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0), (3,0,0), (2,1,0), (4,0,0), (7,0,0), (7,1,0), (4,1,0)]"
     areas = {0: 1.0, 1: 0.5, 2: 3.0}
-    for hole in (0, 1, 2):
+    for holes in ([0], [1], [2], [0, 2]):
         shape = f"""
         int[] faceVertexCounts = [4, 3, 4]
         int[] faceVertexIndices = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
-        int[] holeIndices = [{hole}]
+        int[] holeIndices = {holes}
         point3f[] points = {points}
         uniform token subdivisionScheme = "none"
         """
         found = outward(tmp_path, mesh(shape=shape))
-        assert found[2] / 2 == pytest.approx(sum(areas.values()) - areas[hole])
+        assert found[2] / 2 == pytest.approx(sum(area for face, area in areas.items() if face not in holes))
 
 
 def test_a_file_that_was_changed_is_read_again(tmp_path):
