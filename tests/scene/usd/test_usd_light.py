@@ -70,13 +70,18 @@ SIZES = {"width": 2, "height": 3, "radius": 2, "length": 3}
 
 @pytest.mark.parametrize("metres", ["1", "0.01"])
 def test_a_normalised_sphere_shines_as_brightly_however_small_it_is(tmp_path, metres):
-    """Of no size at all it is a point whose intensity is π·r² of the radiance of a small one."""
-    told = "float inputs:intensity = 8\nbool inputs:normalize = 1\nfloat inputs:radius ="
-    text = f'def SphereLight "small" {{ {told} 0.01 }}\ndef SphereLight "none" {{ {told} 0 }}'
+    """Of no size at all it is a point whose intensity is π·r² of the radiance of a small one.
+
+    One that is not normalised has a quarter of its surface's in every unit, as if that were one of the unit (UsdLux).
+    """
+    told = "float inputs:intensity = 8\nbool inputs:normalize = {}\nfloat inputs:radius = {}"
+    given = (("small", 1, 0.01), ("none", 1, 0), ("plain", 0, 0))
+    text = "".join(f'def SphereLight "{name}" {{ {told.format(*values)} }}\n' for name, *values in given)
     world = lamps(tmp_path, text, METRES.replace("= 1", f"= {metres}"))
-    (small,), (none,) = world.sphere_lights, world.punctual_lights
+    (small,), (none, plain) = world.sphere_lights, world.punctual_lights
     assert none.intensity == pytest.approx([math.pi * small.radius_m**2 * each for each in small.radiance])
     assert (none.kind, none.intensity[0]) == ("point", pytest.approx(2 * float(metres) ** 2))
+    assert plain.intensity == pytest.approx((2, 2, 2))
 
 
 @pytest.mark.parametrize("metres", ["1", "0.01"])

@@ -11,40 +11,24 @@ from clsim.scene.pictures.images import decode_srgb
 from tests.scene.usd.usd_files import METRES, mesh, usda
 
 GRAPH = """
-def Material "paint"
-{
-    token outputs:surface.connect = </paint/surface.outputs:surface>
-    def Shader "surface"
-    {
-        uniform token info:id = "UsdPreviewSurface"
+def Material "paint" { token outputs:surface.connect = </paint/surface.outputs:surface>
+    def Shader "surface" { uniform token info:id = "UsdPreviewSurface"
         %s
-        token outputs:surface
-    }
-    def Shader "reader"
-    {
-        uniform token info:id = "UsdPrimvarReader_float2"
+        token outputs:surface }
+    def Shader "reader" { uniform token info:id = "UsdPrimvarReader_float2"
         string inputs:varname = "map1"
-        float2 outputs:result
-    }
-    def Shader "inner"
-    {
-        uniform token info:id = "UsdTransform2d"
+        float2 outputs:result }
+    def Shader "inner" { uniform token info:id = "UsdTransform2d"
         float2 inputs:in.connect = </paint/reader.outputs:result>
         float2 inputs:scale = (2, 5)
         float inputs:rotation = 90
-        float2 outputs:result
-    }
-    def Shader "outer"
-    {
-        uniform token info:id = "UsdTransform2d"
+        float2 outputs:result }
+    def Shader "outer" { uniform token info:id = "UsdTransform2d"
         float2 inputs:in.connect = </paint/inner.outputs:result>
         float2 inputs:translation = (.25, .5)
         float2 inputs:scale = (3, 1)
-        float2 outputs:result
-    }
-    def Shader "picture"
-    {
-        uniform token info:id = "UsdUVTexture"
+        float2 outputs:result }
+    def Shader "picture" { uniform token info:id = "UsdUVTexture"
         asset inputs:file = @%s@
         token inputs:wrapS = "mirror"
         token inputs:wrapT = "clamp"
@@ -53,14 +37,11 @@ def Material "paint"
         float3 outputs:rgb
         float outputs:r
         float outputs:g
-        float outputs:a
-    }
-}
+        float outputs:a } }
 """
-RAW, ENCODED, DOUBLED = (
-    *(f'token inputs:sourceColorSpace = "{space}"\n' for space in ("raw", "sRGB")),
-    "float4 inputs:scale = (2, 2, 2, 1)\n",
-)
+RAW, ENCODED = (f'token inputs:sourceColorSpace = "{space}"\n' for space in ("raw", "sRGB"))
+DOUBLED, TRIPLED = (f"float4 inputs:scale = ({k}, {k}, {k}, 1)\n" for k in (2, 3))
+TURNED = "float4 inputs:scale = (2, -2, 2, 1)\nfloat4 inputs:bias = (-1, 1, -1, 0)\n"
 UV = 'texCoord2f[] primvars:map1 = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")\n'
 API = '(prepend apiSchemas = ["MaterialBindingAPI"])'
 BOUND = "rel material:binding = </paint>\n"
@@ -147,12 +128,6 @@ def test_roughness_metalness_and_opacity_take_their_channels(tmp_path):
     )
 
 
-TRIPLED, TURNED = (
-    "float4 inputs:scale = (3, 3, 3, 1)\n",
-    "float4 inputs:scale = (2, -2, 2, 1)\nfloat4 inputs:bias = (-1, 1, -1, 0)\n",
-)
-
-
 @pytest.mark.parametrize(
     ("one", "other"),
     [
@@ -180,7 +155,7 @@ def test_materials_share_a_picture_where_they_take_it_alike_and_only_there(tmp_p
     first, second = shown(other)
     differ = first.srgb != second.srgb or first.wrap_u != second.wrap_u
     assert differ or not np.array_equal(first.pixels, second.pixels)
-    assert [each.wrap_v for each in (first, second)] == ["clamp"] * 2
+    assert [(each.wrap_u, each.wrap_v) for each in (first, second)] == [(one[2], "clamp"), (other[2], "clamp")]
     assert first.uv_matrix == second.uv_matrix != ((1, 0, 0), (0, 1, 0))
     first, second = shown(one)
     assert first is second

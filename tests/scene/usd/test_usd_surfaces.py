@@ -234,7 +234,7 @@ def test_a_material_of_its_own_hides_the_colours_of_a_mesh(tmp_path):
     extra = COLORS.format("displayColor")
     world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, output="surface", extra=extra)
     assert made.color == (0.5, 0.5, 0.5) and world.meshes[0].colors is None
-    bare = load_world(usda(tmp_path, mesh(extra.replace("(1, 0, 0)", "(3, 0, 0)", 1)), name="bare.usda"))
+    bare = load_world(usda(tmp_path, mesh(extra.replace("(1, 0, 0)", "(3, 0, 0)")), name="bare.usda"))
     assert bare.meshes[0].colors[0].tolist() == [1, 0, 0], "no surface reflects more than all"
     assert bare.materials[bare.meshes[0].material_ids[0]].color == (1, 1, 1)
 
