@@ -199,14 +199,14 @@ def test_a_usd_as_part_of_a_toml_and_as_a_path(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["DistantLight", "DomeLight", "DomeLight of a picture"])
-def test_a_part_leaves_light_from_afar_to_the_scene_and_lasts_as_long_as_it_moves(tmp_path, kind):
+def test_a_part_leaves_light_from_afar_to_the_scene(tmp_path, kind):
     Image.new("RGB", (4, 2)).save(tmp_path / "sky.png")
     picture = "asset inputs:texture:file = @sky.png@" if "picture" in kind else ""
-    usda(tmp_path, mesh() + f'def {kind.split()[0]} "sky" {{ {picture} }}', TIMED.replace("34", "1000"), "part.usda")
+    usda(tmp_path, mesh() + f'def {kind.split()[0]} "sky" {{ {picture} }}', name="part.usda")
     scene = tmp_path / "scene.toml"
     scene.write_text('[camera]\nposition = [0, 1, 9]\n[[objects]]\nfile = "part.usda"\n')
     world = load_world(scene)
-    assert world.duration_s < 40 and not world.sphere_lights and world.environment_map is None
+    assert not world.sphere_lights and world.environment_map is None
     assert any("its distant lights and domes are left out" in warning for warning in world.warnings)
 
 
