@@ -159,7 +159,7 @@ def test_what_ends_badly_is_tried_again_and_what_stays_bad_is_told(tmp_path, spe
         2: [InputError("no scene")],
         3: [RuntimeError(f"died {k}") for k in (1, 2, 3, 4)],
         4: [done(4, kept=False, rejected=("too dark", "too dark"))],
-    }
+    } | {index: [done(index)] for index in range(5, 12)}
     ahead: list[set[int]] = [set()]
 
     class Running(list):
@@ -188,11 +188,11 @@ def test_what_ends_badly_is_tried_again_and_what_stays_bad_is_told(tmp_path, spe
     monkeypatch.setattr("distributed.as_completed", Running)
     monkeypatch.setattr(engine, "_client", lambda *given: contextlib.nullcontext((client, 1)))
     monkeypatch.setattr(engine, "_compile", lambda *given: None)
-    progress = engine.make(replace(spec, count=5), tmp_path / "set")
+    progress = engine.make(replace(spec, count=12), tmp_path / "set")
     assert progress.failures == {2: "InputError: no scene", 3: "RuntimeError: died 3"}
     assert max(map(len, ahead)) == 4, "of a set of thousands few are sent ahead"
-    assert {index: len(rest) for index, rest in will.items()} == {0: 0, 1: 0, 2: 0, 3: 1, 4: 0}
-    assert (progress.whole, progress.found, progress.new, progress.rejected, progress.cpu_s) == (3, 0, 2, 1, 6.0)
+    assert {index: len(rest) for index, rest in will.items()} == {**dict.fromkeys(range(12), 0), 3: 1}
+    assert (progress.whole, progress.found, progress.new, progress.rejected, progress.cpu_s) == (10, 0, 9, 1, 20.0)
 
 
 def test_a_specification_that_was_wrong_does_not_take_its_folder(tmp_path, spec, made):
