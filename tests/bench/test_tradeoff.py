@@ -77,7 +77,7 @@ def watch(cpu_s: float, wall_s: float) -> Stopwatch:
 @pytest.fixture
 def stand_ins(monkeypatch: pytest.MonkeyPatch) -> dict[str, EventBatch]:
     """Neither renders nor detects; what is returned are the reference's events, which may be others."""
-    events = {rule: batch((40, 1), (90, 2), (140, 3)) for rule in RULES} | {"frame": batch((50, 1), (100, 2))}
+    events = {rule: batch((40, 1), (90, 2), (140, 3)) for rule in RULES} | {"frame": batch((40, 1), (90, 2))}
 
     def load(world: Any, options: Any, device: Any, cache: Any, on_frame: Any) -> Reference:
         for _ in range(options.frames):
