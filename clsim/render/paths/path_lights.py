@@ -100,8 +100,10 @@ def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: A
                 sky = environment(scene.lights, carried.last.normal, direction)
                 share = weight(carried.alone, False, carried.pdf, sky.pdf / carried.others)
                 sample.radiance += wp.cw_mul(carried.throughput, sky.radiance) * share
-        if wp.static(features.first_hits and (features.environment or features.follow_gloss)):
+        if wp.static(features.first_hits):
             if primary and not met_sphere:
+                # A mirror that shows the sky shines like it: no light is looked up there, nor what of it changed.
+                sample.hit = False
                 sample.emission = sample.radiance
         return sample
 

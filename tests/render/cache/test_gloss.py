@@ -119,6 +119,27 @@ def test_it_has_the_same_bits_for_any_number_of_threads():
     np.testing.assert_array_equal(one, three)
 
 
+@pytest.mark.parametrize("metal", [replace(METAL, alpha=0.0), METAL], ids=["a mirror", "gloss"])
+def test_a_mirror_before_the_dark_stays_dark_though_things_move_before_it(metal):
+    """Where it shows nothing it has no light; what its stored paths meet elsewhere as things move is not seen there."""
+    pose = hw.look_from((0.3, 1.2, 3.0), (0, 0.5, -0.3))
+    world = hw.world(
+        hw.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4)),
+        hw.quad((-0.6, 0, -1), (1.2, 0, 0), (0, 2, 0), material=1),
+        hw.quad((0.2, 2.5, 0.4), (0.0, 0.0, -0.8), (0.8, 0.0, 0.0), material=2),
+        hw.box((-0.2, 0.0, 0.0), (0.2, 0.4, 0.4)),
+        materials=(hw.GREY, metal, Material(emission=(6.0,) * 3)),
+        view=replace(hw.camera(pose, 28, 20), motion=Static(pose)),
+        motions=[hw.IDENTITY, hw.IDENTITY, hw.IDENTITY, Glide((-0.3, 0.0, 0.0), (4.0, 0.0, 0.0))],
+    )
+    cached = brightness(world, CACHED, range(4))[-1]
+    paths = brightness(world, RenderOptions(spp=256, sampler="sobol"), [3])[0]
+    shows_nothing = paths == np.log(1e-3)
+    assert shows_nothing[5:].sum() > 10, "the mirror is in rows from the sixth on"
+    # A pixel in which a hair of the floor is seen has .003.
+    assert cached[shows_nothing].max() < np.log(4e-3)
+
+
 def test_metals_whose_normals_are_bent_are_taken_from_cells():
     """Each bend would take rays of its own, and nothing that is no metal is meant."""
     others = (
