@@ -32,9 +32,10 @@ CONVENTIONS = """
 
 **The seen surface** is the first surface that a ray hits, lamps included. If this surface is a perfect mirror or
 clear glass, the ray continues, and the seen surface is the one seen in the mirror or through the glass; albedo,
-normal and depth are those of that surface. Where light is cached, glossy metal (roughness up to .7, without a
-normal map) counts as a mirror. (`follow_specular = false` in a `--config` file switches this off.) Where
-a mirror shows nothing but the sky, the mirror itself is the seen surface. A spherical lamp has albedo 0.
+normal and depth are those of that surface. Where light is cached, glossy metal and frosted glass (roughness up to .7,
+without a normal map) count as a mirror and as clear glass. (`follow_specular = false` in a `--config` file switches
+this off.) Where a mirror shows nothing but the sky, the mirror itself is the seen surface; in frames with first-hit
+rays, the sky is. A spherical lamp has albedo 0.
 
 **Frames with first-hit rays** take albedo, normal, depth, coverage and emission from first-hit rays: primary rays
 that end at the seen surface. `Samples` counts these rays and the light paths together. Albedo is at least 0.001 on a

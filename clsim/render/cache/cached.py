@@ -203,7 +203,8 @@ def make_cached(
                     steering.primary_rays,
                     primary_rays,
                     error,
-                    told,
+                    # Gloss shows nothing small: how much its rays differ says how many it needs.
+                    told and not surfaces[0].first.spread,
                     least_rays,
                 )
                 if stays:

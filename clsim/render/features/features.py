@@ -36,7 +36,7 @@ class SceneFeatures:
         alpha: some used material is cut out or translucent.
         transmission: some used material passes light to its other side.
         mirrors: some used material has points with no lobe but perfectly smooth ones.
-        glossy_metals: some used material has points of a metal that is neither smooth nor matt.
+        glossy: some used material has points of a metal or glass that is neither smooth nor matt.
         dark_backs: some used material's back scatters nothing.
         culled_backs: some used material's back is invisible to the camera.
         one_sided_lamps: some triangle emits from its front alone.
@@ -77,7 +77,7 @@ class SceneFeatures:
     alpha: bool
     transmission: bool
     mirrors: bool
-    glossy_metals: bool
+    glossy: bool
     dark_backs: bool
     culled_backs: bool
     one_sided_lamps: bool
@@ -112,7 +112,7 @@ class Features(SceneFeatures):
 
     Attributes:
         follow_specular: features are of the first surface that is not a mirror or clear glass.
-        follow_gloss: they are not of glossy metals either (`Bsdf.glossy`): what these reflect hangs on the direction
+        follow_gloss: nor of glossy metal or frosted glass (`Bsdf.glossy`): what these show hangs on the direction
             from which they are seen, which the cache does not know.
         camera_blur: the exposure lasts, and the camera moves.
         projection: the camera's.
@@ -186,7 +186,7 @@ class Features(SceneFeatures):
             (self.blends, "blends of materials"),
             (self.alpha, "cut-out and translucent surfaces"),
             (self.follow_specular, "features seen through mirrors and clear glass"),
-            (self.follow_gloss, "reflections in glossy metals by primary rays"),
+            (self.follow_gloss, "what glossy metal and frosted glass show, by primary rays"),
             (self.dark_backs, "surfaces that are black behind"),
             (self.culled_backs, "surfaces that the camera does not see from behind"),
             (self.one_sided_lamps, "lamps that shine from one side"),
@@ -239,7 +239,7 @@ def view_features(
 ) -> Features:
     """Return the features of the kernel with which a camera renders such a scene."""
     lamp_light = first_hits and has_analytic_direct_light(scene, strategy, light_cache)
-    follow_gloss = follow_specular and light_cache and scene.glossy_metals
+    follow_gloss = follow_specular and light_cache and scene.glossy
     changes = light_cache and (scene.light_changes or lights_set)
     about_cached_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}
     return Features(

@@ -67,9 +67,10 @@ def may_be_mirror(material: Material) -> bool:
 
 
 def may_be_glossy(material: Material) -> bool:
-    """Whether the material has points of a metal that is neither smooth nor matt; see `Bsdf.glossy`."""
-    metal = material.kind == "conductor" or (material.kind in ("principled", "disney") and material.metallic >= 0.5)
-    return metal and material.alpha >= 1e-3 and material.normal_texture < 0 and material.bump_texture < 0
+    """Whether the material has points of a metal or glass that is neither smooth nor matt; see `Bsdf.glossy`."""
+    layered = material.kind in ("principled", "disney") and max(material.metallic, material.transmission) >= 0.5
+    even = material.normal_texture < 0 and material.bump_texture < 0
+    return (layered or material.kind in ("conductor", "dielectric")) and even and material.alpha >= 1e-3
 
 
 def used_textures(world: World) -> list[int]:
@@ -132,7 +133,7 @@ def _features_of(world: World, interval_s: float, instants: bool) -> SceneFeatur
         alpha=any(material.alpha_mode != "opaque" for material in materials),
         transmission=any(passes_light(material) for material in materials),
         mirrors=any(may_be_mirror(material) for material in materials),
-        glossy_metals=any(may_be_glossy(material) for material in materials),
+        glossy=any(may_be_glossy(material) for material in materials),
         dark_backs=any(material.back == "black" and not passes_light(material) for material in materials),
         culled_backs=any(material.back == "culled" for material in materials),
         one_sided_lamps=any(max(material.emission) > 0 and not material.emits_behind for material in materials),

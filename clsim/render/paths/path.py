@@ -156,8 +156,9 @@ def make_trace(
                 if wp.static(features.follow_specular):
                     followed = bsdf.mirror
                     if wp.static(features.follow_gloss):
-                        # Gloss seen in gloss is blurred anyway, and rays through both are noisy.
-                        followed = followed or (bsdf.glossy and not sample.spread)
+                        # Metal seen in gloss is blurred anyway, and rays through both are noisy; but a pane of frosted
+                        # glass has two faces.
+                        followed = followed or (bsdf.glossy and (bsdf.frosted or not sample.spread))
                     if wp.static(features.blends):
                         followed = followed and scene.materials.rows[point.material].blend_with < 0
                     if wp.static(features.follow_gloss):

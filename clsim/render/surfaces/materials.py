@@ -26,7 +26,7 @@ OPAQUE = wp.constant(0)
 MASK = wp.constant(1)
 BLEND = wp.constant(2)
 _MATT = wp.constant(0.5)
-"""A metal with a larger α reflects much the same whichever way it is seen."""
+"""A metal with a larger α reflects much the same whichever way it is seen, and glass shows much the same behind it."""
 BASE = wp.constant(1)
 REFLECTION = wp.constant(2)
 
@@ -101,10 +101,10 @@ class Bsdf:
     """How light scatters at one point: a material with its textures looked up.
 
     ``eta`` is the index across the surface over that of the ray's side; ``mirror`` says that every lobe is perfectly
-    smooth, ``glossy`` that it is a metal that is nearly so, ``dark`` that nothing is scattered at all; ``table_share``
-    is the weight of the table after plastic's. ``row`` is the material's number, for what one model alone reads;
-    ``tangent`` the way of u, 0 where there is none; ``part`` is 0, or which part of Disney's model scatters alone,
-    ``BASE`` or ``REFLECTION``.
+    smooth, ``glossy`` that it is a metal or glass that is nearly so, ``frosted`` that it is such glass, ``dark`` that
+    nothing is scattered at all; ``table_share`` is the weight of the table after plastic's. ``row`` is the material's
+    number, for what one model alone reads; ``tangent`` the way of u, 0 where there is none; ``part`` is 0, or which
+    part of Disney's model scatters alone, ``BASE`` or ``REFLECTION``.
     """
 
     kind: int
@@ -130,6 +130,7 @@ class Bsdf:
     inner: float
     mirror: bool
     glossy: bool
+    frosted: bool
     dark: bool
 
 
@@ -165,6 +166,7 @@ def make_materials(features: Features) -> tuple[Any, ...]:
         b.color = row.color
         b.mirror = False
         b.glossy = False
+        b.frosted = False
         b.dark = False
         if wp.static(features.textures):
             if row.texture >= 0:
@@ -219,9 +221,12 @@ def make_materials(features: Features) -> tuple[Any, ...]:
                     bare = b.clearcoat <= 0.0 or b.clearcoat_alpha < SMOOTH
                     b.mirror = smooth and bare and (b.metallic >= 1.0 or b.transmission >= 1.0)
             if wp.static(features.follow_gloss):
-                metal = b.kind == CONDUCTOR or ((b.kind == PRINCIPLED or b.kind == DISNEY) and b.metallic >= 0.5)
+                layered = b.kind == PRINCIPLED or b.kind == DISNEY
+                metal = b.kind == CONDUCTOR or (layered and b.metallic >= 0.5)
+                glass = b.kind == DIELECTRIC or (layered and b.transmission >= 0.5)
                 even = row.normal_texture < 0 and row.bump_texture < 0
-                b.glossy = metal and even and not b.mirror and b.alpha < _MATT
+                b.glossy = (metal or glass) and even and not b.mirror and b.alpha < _MATT
+                b.frosted = glass and b.glossy and not metal
         return b
 
     @wp.func

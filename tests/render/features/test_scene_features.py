@@ -43,11 +43,11 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
     "a cut": (of_material(alpha_mode="mask"), {"alpha"}),
     "a black back": (of_material(back="black"), {"dark_backs"}),
     "no back": (of_material(back="culled"), {"culled_backs"}),
-    "a rough metal": (replace(PLAIN, materials=(METAL,)), {"kinds", "diffuse_lit", "glossy_metals"}),
+    "a rough metal": (replace(PLAIN, materials=(METAL,)), {"kinds", "diffuse_lit", "glossy"}),
     "a mirror": (replace(PLAIN, materials=(replace(METAL, alpha=0.0),)), {"kinds", "diffuse_lit", "mirrors"}),
     "another rough metal": (
         replace(PLAIN, materials=(replace(METAL, distribution="beckmann", stretch=2.0),)),
-        {"kinds", "diffuse_lit", "glossy_metals", "beckmann", "anisotropic"},
+        {"kinds", "diffuse_lit", "glossy", "beckmann", "anisotropic"},
     ),
     "smooth glass": (
         replace(PLAIN, materials=(Material(kind="principled", transmission=1.0, alpha=0.0),)),
