@@ -59,7 +59,7 @@ def load_world(
         motion = None
         if camera_path is not None:
             motion = read_path(Path(camera_path), axes=camera_axes, interpolation=camera_interpolation)
-        world = _warned(_load(scene, motion))
+        world = _with_sun(_warned(_load(scene, motion)))
         if strict and world.warnings:
             raise InputError("\n".join(f"{sentence} (refused by strict)" for sentence in world.warnings))
         if not is_lit(world):
@@ -69,6 +69,17 @@ def load_world(
             world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
         validate(world, str(scene))
     return world
+
+
+def _with_sun(world: World) -> World:
+    """Let the sun in a picture of the sky be a lamp."""
+    if world.environment_map is None or not world.instances:
+        return world
+    from clsim.scene.defaults.framing import bounds
+    from clsim.scene.light.map_sun import part_sun
+
+    middle, size = bounds(Path(world.name), world.meshes, world.instances)
+    return part_sun(world, middle, float(np.linalg.norm(size)) / 2)
 
 
 def _warned(world: World) -> World:

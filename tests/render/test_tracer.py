@@ -343,7 +343,7 @@ def test_the_build_is_described():
     )
     others = ("diffuse", "conductor", "dielectric", "thin-dielectric", "disney")
     backs = [
-        "reflections in glossy metals by primary rays",
+        "what glossy metal and frosted glass show, by primary rays",
         "surfaces that are black behind",
         "surfaces that the camera does not see from behind",
     ]

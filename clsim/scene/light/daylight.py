@@ -124,12 +124,28 @@ def sun_light(
         scale: by how much it is brighter than the true one.
         seen_deg: angle under which it is seen.
     """
-    away_m = _FAR_OFF * max(radius_m, 1e-6)
-    x, y, z = (np.asarray(middle_m) + away_m * (to_world @ np.array(day.to_sun))).tolist()
     share = (1 - math.cos(math.radians(SUN_DEG / 2))) / (1 - math.cos(math.radians(seen_deg / 2)))
     r, g, b = (value * scale * share for value in sun_radiance(day))
-    size_m = away_m * math.sin(math.radians(seen_deg / 2))
-    return SphereLight(size_m, (r, g, b), Static(compose((x, y, z), np.eye(3))), "sun")
+    to_sun = to_world @ np.array(day.to_sun)
+    return far_sphere(to_sun, math.radians(seen_deg / 2), (r, g, b), middle_m, radius_m, "sun")
+
+
+def far_sphere(
+    to_sphere: F64, seen_rad: float, radiance: Vec3, middle_m: Vec3, radius_m: float, name: str = ""
+) -> SphereLight:
+    """Return a sphere light so far away that its rays are parallel all over what it lights.
+
+    Args:
+        to_sphere: unit direction to it.
+        seen_rad: angle under which its radius is seen.
+        radiance: of it.
+        middle_m: middle of what it lights.
+        radius_m: half the size of that.
+        name: of the light.
+    """
+    away_m = _FAR_OFF * max(radius_m, 1e-6)
+    x, y, z = (np.asarray(middle_m) + away_m * to_sphere).tolist()
+    return SphereLight(away_m * math.sin(seen_rad), radiance, Static(compose((x, y, z), np.eye(3))), name)
 
 
 def _height(day: Daylight) -> float:
