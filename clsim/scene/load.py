@@ -14,6 +14,7 @@ from clsim.errors import InputError
 from clsim.scene.defaults.drift import drifting
 from clsim.scene.files import need_file
 from clsim.scene.foreign import FOREIGN, load_foreign
+from clsim.scene.light.map_sun import part_sun
 from clsim.scene.motion import Motion
 from clsim.scene.trajectories.paths import on_path, read_path
 from clsim.scene.trajectories.trajectory import Axes, Interpolation
@@ -59,7 +60,7 @@ def load_world(
         motion = None
         if camera_path is not None:
             motion = read_path(Path(camera_path), axes=camera_axes, interpolation=camera_interpolation)
-        world = _with_sun(_warned(_load(scene, motion)))
+        world = part_sun(_warned(_load(scene, motion)))
         if strict and world.warnings:
             raise InputError("\n".join(f"{sentence} (refused by strict)" for sentence in world.warnings))
         if not is_lit(world):
@@ -69,17 +70,6 @@ def load_world(
             world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
         validate(world, str(scene))
     return world
-
-
-def _with_sun(world: World) -> World:
-    """Let the sun in a picture of the sky be a lamp."""
-    if world.environment_map is None or not world.instances:
-        return world
-    from clsim.scene.defaults.framing import bounds
-    from clsim.scene.light.map_sun import part_sun
-
-    middle, size = bounds(Path(world.name), world.meshes, world.instances)
-    return part_sun(world, middle, float(np.linalg.norm(size)) / 2)
 
 
 def _warned(world: World) -> World:

@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from clsim.errors import InputError
+from clsim.scene.defaults.framing import bounds
 from clsim.scene.light.daylight import far_sphere
 from clsim.scene.world import F32, Vec3, World
 
@@ -28,15 +31,10 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _F64 = npt.NDArray[np.float64]
 
 
-def part_sun(world: World, middle_m: Vec3, radius_m: float) -> World:
+def part_sun(world: World) -> World:
     """Return a world whose picture of the sky has no sun, but a sphere light instead; the same world if it has none.
 
     Skies that turn, or whose light changes, stay as they are.
-
-    Args:
-        world: the world.
-        middle_m: middle of what the sky lights.
-        radius_m: half the size of that.
     """
     above = world.environment_map
     if above is None or above.turn_deg_per_s != 0.0 or world.environment_modulation is not None:
@@ -44,9 +42,13 @@ def part_sun(world: World, middle_m: Vec3, radius_m: float) -> World:
     found = _find_sun(above.radiance)
     if found is None:
         return world
+    try:
+        middle_m, size_m = bounds(Path(world.name), world.meshes, world.instances)
+    except InputError:  # there is nothing that it could light
+        return world
     direction, radius_rad, radiance, rest = found
     to_sun = np.asarray(above.to_world, np.float64) @ direction
-    sun = far_sphere(to_sun, radius_rad, radiance, middle_m, radius_m)
+    sun = far_sphere(to_sun, radius_rad, radiance, middle_m, float(np.linalg.norm(size_m)) / 2)
     return replace(world, environment_map=replace(above, radiance=rest), sphere_lights=(*world.sphere_lights, sun))
 
 

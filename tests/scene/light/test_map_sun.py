@@ -44,7 +44,7 @@ def sky(to_sun, radius_deg, sun=(900.0, 800.0, 600.0)):
 
 def under(radiance, to_world=None, **more):
     above = EnvironmentMap(radiance, np.eye(3) if to_world is None else to_world, **more)
-    return hw.world(hw.quad((-1, 0, 1), (2, 0, 0), (0, 0, -2)), environment_map=above)
+    return hw.world(hw.quad((4, 0, 1), (2, 0, 0), (0, 0, -2)), environment_map=above)
 
 
 def irradiance(world, normal):
@@ -64,7 +64,7 @@ def irradiance(world, normal):
 @pytest.mark.parametrize("to_sun", SUNS.values(), ids=SUNS)
 def test_surfaces_get_the_light_that_they_got(to_sun, to_world):
     before = under(sky(to_sun, 2.5), to_world)
-    after = part_sun(before, (0.0, 0.0, 0.0), 1.5)
+    after = part_sun(before)
     assert len(after.sphere_lights) == 1 and after.environment_map.radiance.max() < 0.6
     for normal in ((0.0, 1.0, 0.0), (0.6, 0.64, 0.48), (-0.48, 0.6, -0.64)):
         np.testing.assert_allclose(
@@ -72,17 +72,18 @@ def test_surfaces_get_the_light_that_they_got(to_sun, to_world):
         )
 
 
-def test_it_is_as_large_as_it_is_in_the_picture():
-    radiance = sky((0.3, 0.6, 0.7), 2.5)
-    seen_rad = np.sqrt(SOLID_ANGLE[radiance[..., 0] > 100].sum() / np.pi)
-    after = part_sun(under(radiance), (5.0, 1.0, 0.0), 1.5)
-    (sun,) = after.sphere_lights
-    away = sun.motion.pose(0.0)[:3, 3] - (5.0, 1.0, 0.0)
+@pytest.mark.parametrize(
+    ("radius_deg", "radiance"), [(2.5, (900, 800, 600)), (0.8, (9000, 8000, 6000))], ids=["wide", "a pixel"]
+)
+def test_it_is_as_large_as_it_is_in_the_picture(radius_deg, radiance):
+    to_sun = TOWARDS[41, 170]
+    picture = sky(to_sun, radius_deg, radiance)
+    seen_rad = np.sqrt(SOLID_ANGLE[picture[..., 0] > 100].sum() / np.pi)
+    (sun,) = part_sun(under(picture)).sphere_lights
+    away = sun.motion.pose(0.0)[:3, 3] - (5.0, 0.0, 0.0)
     assert sun.radius_m / np.linalg.norm(away) == pytest.approx(seen_rad, rel=0.05)
-    np.testing.assert_allclose(
-        away / np.linalg.norm(away), np.array((0.3, 0.6, 0.7)) / np.linalg.norm((0.3, 0.6, 0.7)), atol=0.01
-    )
-    assert sun.radiance == pytest.approx((900, 800, 600), rel=0.1)
+    np.testing.assert_allclose(away / np.linalg.norm(away), to_sun, atol=0.01)
+    assert sun.radiance == pytest.approx(radiance, rel=0.1)
 
 
 def test_skies_without_a_sun_stay_as_they_are():
@@ -93,9 +94,10 @@ def test_skies_without_a_sun_stay_as_they_are():
         "a faint star": under(sky((0.5, 0.6, 0.6), 1.5, (5.0, 5.0, 5.0))),
         "of one pixel": under(np.full((1, 2, 3), 0.4, np.float32)),
         "turning": under(sky((0.5, 0.6, 0.6), 2.5), turn_deg_per_s=10.0),
+        "over nothing": replace(under(sky((0.5, 0.6, 0.6), 2.5)), meshes=(), instances=()),
         "flickering": replace(under(sky((0.5, 0.6, 0.6), 2.5)), environment_modulation=Sine(100.0)),
     }
-    kept = [name for name, world in worlds.items() if part_sun(world, (0.0, 0.0, 0.0), 1.5) is world]
+    kept = [name for name, world in worlds.items() if part_sun(world) is world]
     assert kept == list(worlds)
 
 
