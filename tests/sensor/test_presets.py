@@ -198,6 +198,8 @@ def test_a_file_says_what_differs_from_its_base(tmp_path):
         ('base = "other.toml"\n', "other.toml: cannot be read"),
         ("[noise]\non_hz = [1, 2]\n", "`on_hz` has 2 numbers, expected 1"),
         ("[noise]\nshot = 0.1\n", "follower_hz"),
+        ("[optics]\nfov_deg = 180\n", "`fov_deg` must be less than 180, got 180"),
+        ("[optics]\nwidth = 640\n", "`width` and `height` belong together"),
     ],
 )
 def test_what_a_file_may_not_say_is_told_in_a_sentence(tmp_path, text, told):

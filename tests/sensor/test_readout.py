@@ -14,6 +14,7 @@ from clsim.opencl.device import choose_device
 from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor import SensorSettings
 from clsim.sensor.pixel import REQUEST
+from clsim.sensor.pixel_stages import Delay, Refractory
 from clsim.sensor.readout import Bus, Pool
 from clsim.sensor.settings import Readout
 from tests.sensor.benchtop import SPLITS, Benchtop, with_stages
@@ -64,6 +65,10 @@ def test_who_waits_exactly_as_long_as_may_be_is_served():
     # Whoever may not wait at all is lost where the bus is busy.
     served, lost = bus(event_us=1.0, most_wait_us=0.0).run(requests_at([1000, 1000, 1500, 2000]), END_NS)
     assert served["t"].tolist() == [2000, 3000] and lost == 2
+    asked = requests_at([1000] * 4)
+    asked["y"] = range(4)
+    served, lost = bus(arbiter="rows", row_us=1.0, most_wait_us=2.0).run(asked, END_NS)
+    assert served["t"].tolist() == [2000, 3000, 4000] and lost == 1
 
 
 def test_a_scan_reads_column_after_column():
@@ -290,6 +295,26 @@ def test_stamps_are_multiples_and_every_event_comes_once_whatever_the_frame_rate
 def test_a_perfect_readout_leaves_no_trace():
     assert SensorSettings(readout=Readout(control_period_us=100.0)).is_ideal
     assert not SensorSettings(readout=Readout(stamp_us=10)).is_ideal
+
+
+@pytest.mark.parametrize(("delay_us", "stamp_us"), [(300.0, 1), (1e-9, 1000)])
+@pytest.mark.parametrize("restarts", [False, True])
+def test_after_a_restart_nothing_is_on_its_way_off_the_chip(delay_us, stamp_us, restarts):
+    """Neither what is late nor what waits for its stamp."""
+    slow = replace(with_stages(), refractory=Refractory(500.0), delay=Delay(delay_us, 0.0))
+    bench = Benchtop(replace(slow, readout=Readout(stamp_us=stamp_us)), 4)
+    bench.to(0, 0.0)
+    assert len(bench.to(500, 0.21)) == 0, "they cross after 476 µs"
+    if restarts:
+        bench.pixels.restart()
+    assert len(bench.to(2000, 0.21)) == (0 if restarts else 4)
+
+
+def test_periods_are_of_a_microsecond_at_least():
+    shortest = Readout(scan_us=1.0, control_period_us=1.0)
+    for name in ("scan_us", "control_period_us"):
+        with pytest.raises(InputError, match=f"`{name}` must be at least 1 µs, got 0.9"):
+            replace(shortest, **{name: 0.9})
 
 
 @pytest.mark.parametrize(

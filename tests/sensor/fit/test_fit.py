@@ -111,6 +111,15 @@ def test_errors_of_hot_pixels_are_what_other_pixels_of_their_kind_would_make_of_
     assert found.hot_decades == pytest.approx((np.log10(rates).std(ddof=1), spreads.std()), rel=0.3)
 
 
+@pytest.mark.parametrize("hot", [2, 3])
+def test_a_rate_of_hot_pixels_takes_three_of_them(hot):
+    on, off = np.random.default_rng(4).poisson(0.5, (2, 40, 40))
+    on[0, :hot] += (1000, 2000, 3000)[:hot]
+    found = fit_still(Counts(on, off, 10.0))
+    assert found.hot.sum() == hot
+    assert found.hot_hz is None if hot < 3 else found.hot_hz[0] == pytest.approx(200, rel=0.01)
+
+
 def test_a_leak_is_found_in_less_than_its_period():
     # 0.1 Hz over 0.6 s: one pixel in seventeen fires once.
     settings = SensorSettings(noise=Noise(0.005, 0.005), leak=Leak(0.1, 0.25))
