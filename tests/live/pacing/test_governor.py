@@ -66,6 +66,8 @@ def test_it_knows_that_the_cheapest_level_is_too_slow() -> None:
         governor = Governor(costs(), BUDGET_S)
         machine = Machine(lambda frame, load=load: load, costs()).run(governor, 100)  # type: ignore[misc]
         assert machine.levels[-1] == len(LEVELS) - 1 and governor.too_slow == expected
+    governor = Governor(costs(), BUDGET_S)
+    assert not governor.observe(2 * BUDGET_S) and not governor.too_slow, "it may still render less"
 
 
 def costs() -> list[float]:

@@ -64,7 +64,7 @@ def test_a_seam_is_crossed_wherever_a_pass_ends_between_two_frames(ends: int, ju
         assert schedule.source_index(index) == index % ends
 
 
-@pytest.mark.parametrize("asked", [(3,), (3, 4), (4, 9)])
+@pytest.mark.parametrize("asked", [(3,), (3, 4), (4, 9), (5,), (6, 10)])
 def test_what_shall_begin_anew_does_so_at_the_first_frame_from_then_on(asked: tuple[int, ...]) -> None:
     seen = Continuity(Schedule(30.0, 100, None))
     for index in asked:

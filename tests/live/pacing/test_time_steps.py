@@ -55,6 +55,11 @@ def test_what_cannot_go_together_is_told(given, message):
         LiveOptions("two-boxes", **given)
 
 
+@pytest.mark.parametrize("way_px", [0.001, 1000.0])
+def test_the_shortest_and_the_longest_way_between_pictures_may_be_chosen(way_px):
+    assert LiveOptions("two-boxes", time=f"lambda={way_px:g}").time == f"lambda={way_px:g}"
+
+
 def test_options_come_back_from_plain_values():
     options = LiveOptions("two-boxes", time="adaptive", time_tolerance_us=20.0)
     assert LiveOptions.from_dict(options.as_dict()).time_tolerance_us == 20.0
@@ -80,6 +85,8 @@ def test_a_loop_asks_for_the_times_of_its_motion(monkeypatch):
     monkeypatch.setattr("clsim.render.subframe.retracer.Retracer", lambda *given, **named: tracer)
     retracing = Retracing(100.0, None, RenderOptions())
     looping = retracing.tracer(load_world("two-boxes"), Schedule(30.0, 60, None, loop=True, periodic=True))
+    looping.motion(0.0, 1 / 30)
+    np.testing.assert_allclose(tracer.asked, (0.0, 1 / 30), atol=1e-6)
     # The third pass begins at 4 s: its first step is that of the motion, and the step before leads beyond its end.
     looping.motion(119 / 30, 4.0)
     np.testing.assert_allclose(tracer.asked, (59 / 30, 2.0), atol=1e-6)

@@ -123,6 +123,9 @@ def test_an_mp4_can_be_decoded(tmp_path: Path) -> None:
         frames = [frame.to_ndarray(format="rgb24").astype(int) for frame in film.decode(stream)]
         assert float(stream.average_rate) == 25 and (stream.width, stream.height) == (64, 46)
     assert len(frames) == count
+    write_picture(str(tmp_path / "even.mp4"), [events[:99]], SIZE, Look(scale=2), Film(fps=25))
+    with av.open(str(tmp_path / "even.mp4")) as film:
+        assert (film.streams.video[0].width, film.streams.video[0].height) == (42, 30)
     rest, on = lut()[128].astype(int), lut()[255].astype(int)
     for frame in frames[:-1]:
         assert np.abs(frame[:45, 40:63] - rest).mean() < 8

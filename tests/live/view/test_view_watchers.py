@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from clsim.live.view import hub as hub_module
 from clsim.live.view.hub import Hub, Watcher
+from tests.live.view.view_events import random_events
 
 
 def test_a_watcher_is_sent_no_more_than_it_confirms() -> None:
@@ -35,10 +36,23 @@ def test_a_watchers_queue_is_bounded_and_drops_the_oldest(monkeypatch: pytest.Mo
         watcher.put(b"", 0)
     assert len(watcher._packets) == hub_module.QUEUE_PACKETS
     lost = watcher.dropped_events
-    hub.leave(watcher)
-    assert hub.dropped_events == lost == 490  # still counted when the browser has gone
     watcher.clear()
     assert watcher.missed_events == 0 and watcher.dropped_events == lost  # a jump begins a new count for the page
+    hub.leave(watcher)
+    assert hub.dropped_events == lost == 490  # still counted when the browser has gone
+    hub._loop.close()
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+def test_what_was_lost_before_a_jump_is_not_missed_after_it(jumps: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub_module, "QUEUE_EVENTS", 100)
+    watcher, hub = Watcher(), Hub(asyncio.new_event_loop())
+    hub.watchers.add(watcher)
+    hub.offer(random_events(150, 4, 4, begin_us=0, end_us=1000), 1000)
+    if jumps:
+        hub.seek(5000)
+    hub._flush()
+    assert watcher.missed_events == (0 if jumps else 50)
     hub._loop.close()
 
 
