@@ -20,7 +20,7 @@ SHARE_IN_PATCHES = 0.125
 
 def patches_for(config: DetectorConfig, width: int, height: int) -> Patches | None:
     """Return patches whose margins are as wide as the window of ``config``; None where the picture is too small."""
-    reach = config.side // 2 * config.stride + config.box // 2
+    reach = config.side // 2 + config.box // 2
     return Patches.over(width, height, reach, SHARE_IN_PATCHES)
 
 

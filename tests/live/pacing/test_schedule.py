@@ -78,9 +78,9 @@ def test_what_shall_begin_anew_does_so_at_the_first_frame_from_then_on(asked: tu
 def test_a_recording_runs_at_the_rate_it_was_rendered_by(tmp_path, rendered, runs_at) -> None:
     """Times of frames are whole µs: they tell 60 a second as 59.9988. A rate that they do not fit is not believed."""
     writer = ExrWriter(tmp_path)
-    for index, time_us in enumerate((0, 16_667, 33_333)):
+    for index, time_us in enumerate((1_000_000, 1_016_667, 1_033_333)):
         writer.write(Frame(np.ones((3, 4, 6), np.float32), ("R", "G", "B"), time_us, index))
     options = RecordingOptions(str(tmp_path), DetectorConfig(method="esim"), rendered_fps=rendered)
     session = open_recording(options)
-    session.run()
+    assert session.run().simulated_s == pytest.approx(0.033333), "from the first frame on, whenever that is"
     assert session.schedule.fps == runs_at

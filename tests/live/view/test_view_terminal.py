@@ -83,6 +83,11 @@ def test_old_events_fade_and_vanish() -> None:
     assert pixels(view.picture(2, 1))[0][0] == weak, "what has faded does not come back"
     gone = pixels(view.picture(2, 1, now_us=1000 + 5 * int(terminal.DECAY_US)))[0][0]
     assert strong != weak != "" and gone == ""
+    # Three events that fade here are as strong as three that were that old when they came.
+    here, there = (TerminalView(2, 2, FULL_COLOUR) for _ in range(2))
+    here.write(many(0, 0, True, count=3), 0)
+    there.write(many(0, 0, True, count=3), 20_000)
+    assert here.picture(2, 1, now_us=20_000) == there.picture(2, 1, now_us=20_000)
 
 
 def test_terminals_with_256_colours_get_those() -> None:
