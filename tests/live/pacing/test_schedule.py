@@ -74,7 +74,7 @@ def test_what_shall_begin_anew_does_so_at_the_first_frame_from_then_on(asked: tu
     assert [seen.breaks(index) for index in shown] == expected
 
 
-@pytest.mark.parametrize(("rendered", "runs_at"), [(60.0, 60.0), (None, 1e6 / 16_667), (61.0, 1e6 / 16_667)])
+@pytest.mark.parametrize(("rendered", "runs_at"), [(60.0, 60.0), (None, 1e6 / 16_667), (60.5, 1e6 / 16_667)])
 def test_a_recording_runs_at_the_rate_it_was_rendered_by(tmp_path, rendered, runs_at) -> None:
     """Times of frames are whole µs: they tell 60 a second as 59.9988. A rate that they do not fit is not believed."""
     writer = ExrWriter(tmp_path)
