@@ -241,11 +241,15 @@ def test_a_renderers_unit_of_light_is_told_by_scale_or_by_lux() -> None:
     assert found[4] == found[6] and len(found[4]) > 1000
 
 
+@pytest.mark.parametrize("given", [None, (0.4, 0.7), 0.6])
 @pytest.mark.parametrize(("on", "off"), [(0.3, 0.45), (None, 0.45), (0.3, None), (None, None)])
-def test_each_threshold_is_the_sensors_or_a_fifth(on: float | None, off: float | None) -> None:
+def test_each_threshold_is_what_is_given_or_the_sensors_or_a_fifth(
+    on: float | None, off: float | None, given: float | tuple[float, float] | None
+) -> None:
     """Light goes up by 1.0 and down by it again: so many whole thresholds fit into it."""
     sensor = replace(load_sensor("ideal"), threshold=Threshold(on=on, off=off))
-    with camera(sensor=sensor) as pixels:
+    on, off = (on, off) if given is None else given if isinstance(given, tuple) else (given, given)
+    with camera(sensor=sensor, threshold=given) as pixels:
         pixels.push(np.full((HEIGHT, WIDTH), 1.0), 0)
         up = pixels.push(np.full((HEIGHT, WIDTH), np.exp(0.99)), 1_000)
         down = pixels.push(np.full((HEIGHT, WIDTH), np.exp(-1.0)), 2_000)

@@ -119,6 +119,15 @@ def test_a_rig_needs_cameras() -> None:
         clsim.RigSimulator("two-boxes")
 
 
+def test_a_rigs_scene_is_there_for_the_longest_exposure(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[object, ...]] = []
+    monkeypatch.setattr("clsim.simulator.simulator.SceneData", lambda *args, **options: given.append(args))
+    mounts = tuple(replace(mount, shutter_s=shutter_s) for mount, shutter_s in zip(MOUNTS, (0.004, 0.002), strict=True))
+    with clsim.RigSimulator(replace(scene(), rig=mounts), fps=FPS, quality="draft", time="fixed") as rig:
+        rig._scene_data()
+    assert given[0][3] == 0.004
+
+
 @pytest.mark.slow  # kernels of exposures are compiled
 @pytest.mark.parametrize("shutters", [(0.0, 0.004), (0.004, 0.002)])
 def test_cameras_may_expose_for_different_times(tmp_path: Path, shutters: tuple[float, float]) -> None:
