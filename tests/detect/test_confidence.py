@@ -65,9 +65,9 @@ def test_it_is_refused_where_it_would_do_nothing():
     assert DetectorConfig("esim", confidence=2.0).unused() == ("confidence",)
     assert DetectorConfig("irradiance", confidence=2.0).unused() == ()
     with pytest.raises(InputError, match="`confidence` is for the ideal sensor, but `sensor` is davis346"):
-        check_sensor(DetectorConfig("irradiance", confidence=2.0), Specimen(load_sensor("davis346")))
-    with pytest.raises(InputError, match="the float64 reference has no `confidence`: expected 0, got 2"):
-        ReferenceDetector(DetectorConfig("irradiance", confidence=2.0), 4, 3, ())
+        check_sensor(DetectorConfig("irradiance", confidence=0.01), Specimen(load_sensor("davis346")))
+    with pytest.raises(InputError, match=r"the float64 reference has no `confidence`: expected 0, got 0\.01"):
+        ReferenceDetector(DetectorConfig("irradiance", confidence=0.01), 4, 3, ())
 
 
 @pytest.mark.parametrize("value", [-1.0, 100.5, float("nan"), float("inf")])

@@ -95,6 +95,11 @@ def test_defaults_are_no_unused_options() -> None:
         assert DetectorConfig(method=method).unused() == ()
 
 
+def test_who_has_no_use_for_an_option_is_the_gate_where_there_is_one() -> None:
+    assert DetectorConfig(method="esim-ad", gate="delta-r").who() == "`gate` delta-r"
+    assert DetectorConfig(method="wlr-esim", gate="delta-r").who() == "`method` wlr-esim"
+
+
 @pytest.mark.parametrize("gate", ["delta-r-exact", "published"])
 def test_gates_that_keep_old_windows_work_on_recorded_frames_alone(gate):
     frames = random_frames(15, count=3)

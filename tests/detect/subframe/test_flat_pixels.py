@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.detect.subframe.between import Motion
 from clsim.detect.subframe.flat_pixels import FlatPixels
 from clsim.detect.subframe.knots import TICKS_PER_S
+from clsim.detect.subframe.refine import Refiner
 from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Frame, Reflected, page_aligned
 from clsim.opencl.path import BrightnessPath
 
@@ -171,3 +174,11 @@ def test_lines_are_as_fine_as_the_smaller_threshold_asks(smaller):
     coarse = Wall()
     found_by(coarse, threshold_on=1.0, threshold_off=1.0)
     assert coarse.asked != walls[0].asked
+
+
+def test_peaks_are_asked_for_once_and_not_where_a_picture_knows_them():
+    told = np.array([3, 3, 5, 5]), np.array([64, 64, 128, 200])
+    refiner: Any = SimpleNamespace(_on=0.2, _off=0.2)
+    flat: Any = SimpleNamespace(peaks=lambda references, on, off: told)
+    pixels, ticks = Refiner._peaks(refiner, flat, np.zeros(9, np.float32), np.array([0, 128, 256]))
+    assert (pixels.tolist(), ticks.tolist()) == ([3, 5], [64, 200])

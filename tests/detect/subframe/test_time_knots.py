@@ -104,8 +104,9 @@ def test_what_rises_and_falls_again_is_found_once_its_bend_is_known(sign):
     """A bump whose top alone passes the threshold, asked at its flank first; and a dip."""
     knots = whole_step([(0.0, 0.0)])
     knots.insert(np.array([1]), np.array([STEP // 4]), np.array([sign * 0.17]))
-    pieces, times = vague(knots, np.zeros(1), 0.2, 0.2, 100.0, 1)
+    pieces, times = vague(knots, np.zeros(1), *(0.2, 9.0)[::sign], 100.0, 1)
     assert pieces.tolist() == [2] and STEP // 4 < times[0] < STEP
+    assert len(vague(knots, np.zeros(1), *(9.0, 0.2)[::sign], 100.0, 1)[0]) == 0, "the other threshold is far away"
 
 
 def test_light_that_is_a_line_is_twice_as_bright_halfway_to_three_times():
