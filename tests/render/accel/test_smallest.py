@@ -199,8 +199,9 @@ def seen_coverage(mesh, crumb=()):
         (Lens(model="fisheye", distortion=(-0.05,)), 150.0),
         (Lens(distortion=(-0.2, 0.05), principal_point=(-0.2, 0.1)), 60.0),
         (Lens(model="fisheye", distortion=(-0.05,), principal_point=(0.15, -0.1)), 120.0),
+        (Lens(distortion=(-0.28, 0.0), principal_point=(0.0, 0.4)), 40.0),
     ],
-    ids=["narrow", "wide", "barrel", "fisheye", "distorted fisheye", "barrel aside", "fisheye aside"],
+    ids=["narrow", "wide", "barrel", "fisheye", "distorted fisheye", "barrel aside", "fisheye aside", "barrel below"],
 )
 def test_the_widest_pixel_is_that_of_the_rays(lens, fov_deg):
     """Rays by OpenCV's models, and how far they turn for a hundredth of a pixel to the right and down."""

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from clsim.render.features.features import SceneFeatures
+from clsim.render.features.features import SceneFeatures, view_features
 from clsim.render.features.scene_features import scene_features
+from clsim.render.features.scene_lamps import LampBoxes
+from clsim.render.surfaces.upload_materials import upload_materials
 from clsim.scene import CheckerTexture, EnvironmentMap, ImageTexture, Material, PunctualLight, SphereLight, Static
 from tests.render import hand_worlds as hw
 from tests.render.motion.test_blur import Glide
@@ -53,6 +56,23 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
         replace(PLAIN, materials=(Material(kind="principled", transmission=1.0, alpha=0.0),)),
         {"kinds", "diffuse_lit", "transmission", "mirrors"},
     ),
+    "glass with a black back": (
+        replace(PLAIN, materials=(Material(kind="dielectric", alpha=0.3, back="black"),)),
+        {"kinds", "diffuse_lit", "transmission", "glossy"},
+    ),
+    "a metal that is smooth here and there": (
+        of_material(kind="principled", metallic=1.0, alpha=0.3, roughness_texture=0),
+        {"kinds", "diffuse_lit", "textures", "images", "roughness_textures", "mirrors", "glossy"},
+    ),
+    "a metal with bumps": (
+        of_material(kind="conductor", alpha=0.3, bump_texture=0),
+        {"kinds", "diffuse_lit", "textures", "images", "normal_maps", "bump_maps"},
+    ),
+    "a blend with a blend with metal": (
+        replace(PLAIN, materials=(replace(GREY, blend_with=1), replace(GREY, blend_with=2), METAL)),
+        {"kinds", "blends", "glossy"},
+    ),
+    "a picture of light on what is dark": (of_material(emission_texture=0), set()),
     "a lamp": (of_material(**GLOW), {"triangle_lights", "diffuse_lit", *LIT}),
     "a lamp with holes": (
         of_material(**GLOW, alpha_mode="mask"),
@@ -67,6 +87,10 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
         {"two_level", "triangle_lights", "still_lamps", "lamps_move", "light_changes", "diffuse_lit", *LIT},
     ),
     "a ball that shines": (replace(PLAIN, sphere_lights=(BALL,)), {"sphere_lights", *LIT}),
+    "eight balls": (replace(PLAIN, sphere_lights=(BALL,) * 8), {"sphere_lights", "light_tree", *LIT}),
+    "nine balls": (replace(PLAIN, sphere_lights=(BALL,) * 9), {"sphere_lights", "light_tree"}),
+    "31 balls": (replace(PLAIN, sphere_lights=(BALL,) * 31), {"sphere_lights", "light_tree"}),
+    "32 balls": (replace(PLAIN, sphere_lights=(BALL,) * 32), {"sphere_lights", "light_tree", "sphere_tree"}),
     "a ball that goes": (
         replace(PLAIN, sphere_lights=(replace(BALL, motion=Glide()),)),
         {"sphere_lights", "lamps_move", "light_changes", *LIT},
@@ -86,6 +110,10 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
         {"environment", "environment_map"},
     ),
     "a way": (hw.world(QUAD, materials=(GREY,), motions=[Glide()]), {"two_level", "light_changes"}),
+    "a shape that stays": (
+        hw.world(replace(QUAD, deformation=SimpleNamespace(duration_s=0.0)), materials=(GREY,)),
+        set(),
+    ),
     "smooth normals": (hw.world(hw.ball(1.0, smooth=True), materials=(GREY,)), {"smooth_normals"}),
     "colours of corners": (
         hw.world(replace(QUAD, colors=np.ones((4, 3), np.float32)), materials=(GREY,)),
@@ -112,3 +140,31 @@ def test_what_moves_is_blurred_while_a_shutter_is_open_and_placed_for_each_insta
     for world, moves in ((PLAIN, False), (moving, True)):
         assert known(world, 0.01)["motion_blur"] is moves and known(world, instants=True)["instants"] is moves
         assert not known(world)["motion_blur"] and not known(world)["instants"]
+
+
+@pytest.mark.parametrize(("shutter_s", "motion"), [(0.0, Glide()), (0.01, Glide()), (0.01, Static(np.eye(4)))])
+def test_a_camera_blurs_what_stands_if_it_goes_while_it_exposes(shutter_s: float, motion: Any) -> None:
+    camera = replace(PLAIN.camera, shutter_s=shutter_s, motion=motion)
+    blurs = view_features(scene_features(PLAIN, shutter_s), camera).camera_blur
+    assert blurs == (shutter_s > 0 and motion.duration_s > 0)
+
+
+def test_backs_are_black_unless_light_must_come_back() -> None:
+    glass = Material(kind="dielectric", alpha=0.3, back="black")
+    world = replace(PLAIN, materials=(replace(GREY, back="black"), glass, GREY))
+    assert upload_materials(world, "cpu").rows.numpy()["dark_back"].tolist() == [1, 0, 0]
+
+
+def test_lamps_lie_in_their_boxes_and_the_sun_where_its_light_comes_from() -> None:
+    """It shines along its -z: from +x, where this one is turned to."""
+    turned = np.array([[0.0, 0, 1, 0], [0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+    world = hw.world(
+        QUAD, materials=(replace(GREY, **GLOW),), motions=[Glide()],
+        sphere_lights=(replace(BALL, motion=Static(hw.translation(1.0, 2.0, 3.0))),),
+        punctual_lights=(PunctualLight("directional", (1.0, 1.0, 1.0), Static(turned)),),
+    )  # fmt: skip
+    low, high, is_far = LampBoxes(world).at(2.0, np.array((1.0, 1.0, 1.0)))
+    assert is_far.tolist() == [False, True, False, False]
+    np.testing.assert_allclose((low[0], high[0]), ((-0.1, 0.9, 1.9), (0.1, 1.1, 2.1)))
+    np.testing.assert_allclose((low[1], high[1]), [(1e5, 0.0, 0.0)] * 2, atol=1e-9)
+    np.testing.assert_allclose((low[2:].min(axis=0), high[2:].max(axis=0)), ((0.0, -2.0, -1.0), (2.0, 0.0, -1.0)))

@@ -103,6 +103,24 @@ class Breath:
         return pose
 
 
+def test_keys_lie_evenly_about_the_time_of_the_frame():
+    np.testing.assert_allclose(shutter.key_times(2.0, 0.08), 2.0 + 0.01 * np.arange(-4, 5), rtol=1e-12)
+    assert shutter.key_times(2.0, 0.0).tolist() == [2.0]
+
+
+def test_a_path_leaves_the_boxes_of_its_keys_by_no_more_than_is_said():
+    keys = np.arange(5)
+    places, steps = np.random.default_rng(2).normal(size=(2, len(keys), 200, 3))
+    # And there and back between two keys at one place: by just as much, a quarter of the way at its speed.
+    places[:2, 0], steps[:2, 0] = 0.0, np.array([[1.0], [-1.0]])
+    said = shutter.chord_error(places, steps)
+    for key in keys[:-1]:
+        path = CubicHermiteSpline(keys, places, steps)(np.linspace(key, key + 1, 65))
+        low, high = np.sort(places[key : key + 2], axis=0)
+        assert (np.maximum(low - path, path - high).max(axis=0) <= said + 1e-12).all()
+    np.testing.assert_allclose(shutter.chord_error(places[:2, :1], steps[:2, :1]), 0.25)
+
+
 @pytest.mark.parametrize("together", ["exposure", "instants"])
 def test_boxes_hold_all_of_what_moves_and_deforms_at_any_time(together):
     """Of an exposure it has the shape of the nearest key; instants that are asked for together are of one box."""

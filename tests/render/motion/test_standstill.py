@@ -124,6 +124,19 @@ def test_what_deforms_lets_nothing_rest(rendered):
     assert rendered == list(range(6))
 
 
+@pytest.mark.parametrize("shutter_s", [0.0, 0.02])
+def test_a_rest_ends_with_the_frame_whose_exposure_sees_the_first_move(shutter_s):
+    """At .1 s; it is .095 s when such a shutter opens for .1 s + half of its time."""
+    world = world_of(**MOVES["box"])
+    still, planes = Standstill(world, replace(world.camera, shutter_s=shutter_s)), np.zeros(1, np.float32)
+    repeated = []
+    for time_s in (0.06, 0.07, 0.08, 0.085, 0.095):
+        repeated.append(still.repeat(time_s, None, planes))
+        if not repeated[-1]:
+            still.remember(planes)
+    assert repeated == [False, True, True, True, shutter_s == 0]
+
+
 @pytest.mark.slow  # kernels of their own are compiled
 def test_a_shutter_that_is_open_when_something_begins_to_move_sees_it(rendered):
     """What goes on at .1 s is seen by the frame whose exposure ends a moment later."""

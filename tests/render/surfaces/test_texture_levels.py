@@ -33,14 +33,18 @@ def test_each_level_has_the_mean_of_the_image(height, width):
         np.testing.assert_allclose(found, truth, atol=0.005 / np.sqrt(np.prod(shape[:2])) + 5e-4)
 
 
-def test_a_level_lies_where_the_image_does():
+@pytest.mark.parametrize("upright", [False, True])
+def test_a_level_lies_where_the_image_does(upright):
     """A ramp stays one: rows and columns that are no power of two are neither shifted nor left out."""
     height, width = 45, 83
     ramp = np.linspace(0.1, 0.9, width) * np.ones((height, 1))
     pixels = np.repeat(np.round(ramp * 255).astype(np.uint8)[..., None], 4, axis=2)
-    for number, level in enumerate(coarser(pixels, srgb=False), 1):
-        columns = width >> number
-        row = level.view(np.uint8).reshape(height >> number, columns, 4)[0, :, 0] / 255
+    levels = coarser(pixels.swapaxes(0, 1).copy() if upright else pixels, srgb=False)
+    for number, level in enumerate(levels, 1):
+        columns, rows = width >> number, height >> number
+        shape = (columns, rows) if upright else (rows, columns)
+        texels = level.view(np.uint8).reshape(*shape, 4)[..., 0] / 255
+        row = texels[:, 0] if upright else texels[0]
         places = (np.arange(columns) + 0.5) / columns * width - 0.5
         # To a twentieth of a texel, and a byte's steps.
         np.testing.assert_allclose(row, 0.1 + 0.8 * places / (width - 1), atol=0.05 * 0.8 / columns + 0.004)
