@@ -36,7 +36,7 @@ class CountingSource:
 
 
 class OneEventDetector:
-    """Fires one event a frame, whose x is the source's frame index."""
+    """Fires one event a frame, whose x is the source's frame index; each fourth is ON."""
 
     solved_share, masked, many_crossings, most_crossings, capped, lost = 0.25, 0, 0, 0, 0, 0
 
@@ -52,7 +52,7 @@ class OneEventDetector:
     def step(self, frame: Frame) -> EventBatch:
         self.steps.append((frame.index, frame.time_us))
         batch = np.zeros(1, EVENT_DTYPE)
-        batch["t"], batch["x"] = frame.time_us, int(frame.planes[0, 0, 0])
+        batch["t"], batch["x"], batch["on"] = frame.time_us, int(frame.planes[0, 0, 0]), frame.index % 4 == 0
         return batch
 
     def reset(self) -> None:

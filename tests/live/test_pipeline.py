@@ -25,7 +25,7 @@ def test_every_frame_passes_once_and_in_order() -> None:
     assert detector.steps[-1] == (19, round(19e6 / 60))
     assert source.closed and detector.closed and sink.closed == 1
     progress = pipeline.progress
-    assert (progress.frames, progress.events, progress.solved_share) == (20, 20, 0.25)
+    assert (progress.frames, progress.events, progress.on_events, progress.solved_share) == (20, 20, 5, 0.25)
 
 
 def test_a_jumping_loop_runs_time_on_and_resets_at_the_seam() -> None:

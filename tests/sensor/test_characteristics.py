@@ -10,8 +10,9 @@ import pytest
 from scipy import stats
 
 from clsim.errors import InputError
+from clsim.scene import Sensor
 from clsim.sensor import SensorSettings, characteristics, load_sensor
-from clsim.sensor.lab import Lab
+from clsim.sensor.lab import Lab, thresholds_of
 from clsim.sensor.pixel_stages import Defects, FrontEnd, Leak, Noise, Threshold
 from clsim.sensor.settings import Readout
 
@@ -113,6 +114,12 @@ def test_each_pixel_of_a_lab_sees_what_it_is_told(size):
     counts = np.zeros((height, width), int)
     np.add.at(counts, (events["y"], events["x"]), 1)
     assert events["on"].all() and (counts == np.floor(levels / 0.2 + 1e-9)).all()
+
+
+@pytest.mark.parametrize(("on", "off"), [(None, None), (0.3, None), (None, 0.3), (0.3, 0.4)])
+def test_a_lab_has_a_scenes_threshold_where_the_sensor_names_none(on, off):
+    found = thresholds_of(SensorSettings(threshold=Threshold(on, off)))
+    assert (found.on, found.off) == (on or Sensor().threshold_on, off or Sensor().threshold_off)
 
 
 def test_a_lab_is_as_bright_as_it_is_told():

@@ -22,9 +22,9 @@ from tests.sensor.benchtop import SPLITS, Benchtop, with_stages
 END_NS = 10**9
 
 
-def bus(**numbers):
+def bus(height=64, **numbers):
     device = choose_device()
-    return Bus(Workplace(device, Grid(64, 64, device.lanes, np.float32), device.queue()), Readout(**numbers))
+    return Bus(Workplace(device, Grid(64, height, device.lanes, np.float32), device.queue()), Readout(**numbers))
 
 
 def requests_at(times_ns, seed=0, rows=64):
@@ -84,7 +84,7 @@ def test_columns_of_a_scan_bear_times_of_their_own():
     read, lost = bus(scan_us=500.0, column_us=2.0).run(asked, END_NS)
     assert lost == 0 and read["t"].tolist() == [500_000, 500_000 + 53 * 2000, 500_000 + 63 * 2000, 1_106_000]
     # 64 columns take longer than such a period: the next scan begins when they are through.
-    read = bus(scan_us=100.0, column_us=2.0).run(asked, END_NS)[0]
+    read = bus(8, scan_us=100.0, column_us=2.0).run(asked, END_NS)[0]
     assert read["t"].tolist() == [128_000, 512_000 + 53 * 2000, 512_000 + 63 * 2000]
 
 

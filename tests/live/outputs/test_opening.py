@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import clsim
-from clsim.events import EVENT_DTYPE
+from clsim.events import EVENT_DTYPE, SinkError
 from clsim.frames import Frame
 from clsim.live.options import LiveOptions
-from clsim.live.outputs.delivery import Delivery
+from clsim.live.outputs.delivery import Delivery, Output
 from clsim.live.session import Session, open_live
+from tests.live.small_pipeline import ListSink
 
 ENDINGS = (".csv", ".aedat4", ".evt3.raw", ".raw", ".dat", ".es", ".h5")
 OLD = {"": "an older recording", ".json": "its sidecar", ".poses.txt": "its poses"}
@@ -87,3 +88,13 @@ def test_outputs_that_cannot_be_written_are_refused_before_any_is_touched(tmp_pa
         outputs = [str(tmp_path / "old.csv"), str(tmp_path / "none" / "b.csv")]
         open_live(LiveOptions("still", resolution=(16, 12), outputs=outputs))
     assert (tmp_path / "old.csv").read_text() == "older" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_reader_that_has_left_is_told_from_a_disk_that_is_full() -> None:
+    """By the error itself, or by what it comes from."""
+    gone = SinkError("-: nobody reads")
+    gone.__cause__ = BrokenPipeError()
+    for error, left in ((BrokenPipeError(), True), (gone, True), (OSError(28, "no space left"), False)):
+        output = Output("-", ListSink())
+        output.fail(error)
+        assert output.reader_left == left

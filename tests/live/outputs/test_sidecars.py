@@ -1,16 +1,18 @@
 """Where the camera was, and what its lens does, beside the events."""
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.events.sidecar import write_sidecar
 from clsim.frames import Frame
-from clsim.live.outputs.sidecars import PoseFile, about_camera, camera_pose
+from clsim.live.outputs.sidecars import PoseFile, about_camera, about_run, camera_pose
 from clsim.live.pacing.schedule import Schedule
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import Camera, World, load_world
@@ -116,3 +118,12 @@ def test_a_sidecar_that_cannot_be_written_leaves_nothing_behind(tmp_path: Path) 
     with pytest.raises(InputError, match=r"a\.json"):
         write_sidecar(tmp_path / "a.json", {"format": "none"})
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_files_that_a_run_read_are_found_from_any_folder() -> None:
+    """A scene that comes with clsim, and what was not given, stay as they are."""
+    given = {"scene": "mine.toml", "camera_path": "a/b.txt", "frames": "film.mp4", "times": "times.txt", "sensor": None}
+    told = about_run(given, DetectorConfig(), 30.0)["options"]
+    assert told == {name: value and os.path.abspath(value) for name, value in given.items()}
+    plain = {"scene": "two-boxes", "camera_path": None, "frames": None}
+    assert about_run(plain, DetectorConfig(), 30.0)["options"] == plain

@@ -185,6 +185,7 @@ def test_what_is_fitted_makes_the_file_of_a_sensor(still, flicker, tmp_path):
     mine = load_sensor(str(file))
     assert mine.name == "mine" and mine.optics.width == WIDTH and mine.front_end == load_sensor("davis346").front_end
     assert mine.threshold.off == pytest.approx(0.25, rel=0.01) and mine.leak.hz == pytest.approx(0.2, rel=0.05)
+    assert mine.defects.dead_share == pytest.approx(flicker.silent_share[0], rel=1e-4)
     # The spread that thresholds add, of 0.03 in 0.2, is taken away again.
     own = math.sqrt(still.leak_decades[0] ** 2 - (0.15 / math.log(10)) ** 2)
     assert mine.leak.spread_decades == pytest.approx(own, rel=0.005) == pytest.approx(0.25, abs=0.015)
