@@ -187,3 +187,9 @@ def test_a_rigs_summaries_say_whether_it_was_interrupted(
     assert [each["interrupted"] for each in summaries] == [status == INTERRUPTED] * 2
     assert len(lost) == 2, "what was lost is told beside figures too"
     assert [(each["width"], each["height"]) for each in summaries] == [(32, 24), (40, 30)]
+
+
+def test_no_two_cameras_of_runs_with_small_seeds_share_their_noise() -> None:
+    seeds = [seed_of(seed, number) for seed in range(50) for number in range(8)]
+    assert len(set(seeds)) == 400 and max(seeds) < 2**64 and [seed_of(seed, 0) for seed in range(50)] == [*range(50)]
+    assert min(set(seeds) - {*range(50)}) > 2**32

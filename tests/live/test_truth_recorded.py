@@ -12,7 +12,10 @@ import clsim
 from clsim.errors import InputError
 from clsim.events import CAUSES
 from clsim.events.outputs import FileOptions
+from clsim.live.pacing.schedule import Schedule
+from clsim.live.recording import _plan
 from clsim.live.settings import OutputSettings
+from clsim.scene import load_world
 from clsim.sensor import SensorSettings
 from clsim.sensor.pixel_stages import Leak
 from clsim.truth.names import TRUTH_NAMES
@@ -140,3 +143,11 @@ def test_what_cannot_be_is_told_before_anything_is_written(tmp_path: Path, monke
 )
 def test_all_truth_is_what_the_outputs_hold(outputs: tuple[str, ...], held: set[str]) -> None:
     assert set(OutputSettings(outputs=outputs, truth=("all",)).truth) == held
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_files_are_told_how_often_truth_comes(every: int) -> None:
+    """As often as it is recorded, which may be seldomer than frames are rendered."""
+    options = OutputSettings(outputs=("a.h5",), truth=("depth",))
+    told = _plan(options, 0, load_world("still"), Schedule(100.0, 10, 11), {}, every).about
+    assert (told.frame_rate, told.names) == (100.0 / every, ("depth",))
