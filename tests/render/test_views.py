@@ -11,7 +11,8 @@ from clsim.errors import InputError
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData, View
 from clsim.render.accel import upload_geometry
-from clsim.scene import Static
+from clsim.render.kernel_input import settings_of
+from clsim.scene import Sensor, Static
 from tests.render import hand_worlds as hw
 from tests.render.motion.test_blur import Glide, Spin, strip, view
 from tests.render.test_tracer import moving_world
@@ -117,3 +118,7 @@ def test_a_loop_has_the_noise_of_later_frames_where_each_has_its_own(noise):
     source.noise_offset = 0
     assert np.array_equal(shoot(source, 1), later, equal_nan=True) == (noise == "common")
     source.close()
+
+
+def test_the_darkest_light_that_pixels_see_is_their_floor_before_it_is_scaled():
+    assert settings_of(OPTIONS, eyes()[0], Sensor(scale=4.0, floor=1e-3)).darkest == pytest.approx(2.5e-4)

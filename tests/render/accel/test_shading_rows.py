@@ -43,3 +43,14 @@ def test_smooth_normals_of_what_is_placed_with_a_scale_are_those_of_the_ellipsoi
     expected = (unit / scale) @ turned.T
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     np.testing.assert_allclose(mesh.normals, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("x_m", "moved_m"), [(0.0, 0.0), (7.0, 0.0), (9.0, 9.0), (5000.0, 5000.0)])
+def test_what_is_far_off_has_its_middle_at_the_devices_origin(x_m: float, moved_m: float) -> None:
+    """Farther than four times its size, which is two metres here, however flat it is."""
+    sheet = hw.quad((-1, -1, -1), (2, 0, 0), (0, 2, 0))
+    placed = place(hw.world(sheet, motions=[Static(hw.translation(x_m, 0.0, 1.0))]))
+    np.testing.assert_allclose(placed.origin_m, (moved_m, 0.0, 0.0), atol=1e-9)
+    # Where it is in the world stays as it was.
+    corners = placed.meshes[0].vertices + placed.instances[0].motion.pose(0.0)[:3, 3]
+    np.testing.assert_allclose(corners.mean(axis=0), (x_m, 0.0, 0.0), atol=1e-6 * (1 + x_m))

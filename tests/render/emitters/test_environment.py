@@ -230,6 +230,15 @@ def test_neighbouring_pixels_have_unrelated_errors():
         assert abs(z) < 4.5, (shift, z)
 
 
+def test_what_is_dim_beside_what_is_bright_is_drawn_too():
+    """Shares within a block are bytes; one that shines at all has one, or its light would never be found."""
+    radiance = np.full((16, 32, 3), 1e-4, np.float32)
+    radiance[5, 9] = 1e4
+    shares = tabulate(EnvironmentMap(radiance, np.eye(3)), (0.0, 0.0, 0.0)).shares
+    cells = shares.swapaxes(1, 2).reshape(shares.shape[0] * shares.shape[2], -1)
+    assert cells[:17, :32].all() and not cells[17:].any()
+
+
 @pytest.mark.slow  # kernels of their own are compiled
 def test_a_black_map_is_dark():
     dark = EnvironmentMap(np.zeros((4, 8, 3), np.float32), np.eye(3))

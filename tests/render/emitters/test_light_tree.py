@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clsim.render import RenderOptions, SceneData
+from clsim.render.emitters.light_list import bounds_of_small
 from clsim.render.emitters.light_tree import LightTree, Receiver, make_light_tree
 from clsim.render.emitters.light_tree_build import TreeOfLights, around, of_triangles
 from clsim.render.emitters.upload_lights import _shares
@@ -294,3 +295,17 @@ def test_lights_are_drawn_as_often_as_is_said(count):
     np.testing.assert_allclose(probability[some], pdf[drawn[some]], rtol=1e-4)
     often = np.bincount(drawn[some], minlength=count) / n
     np.testing.assert_allclose(often, pdf[:count], atol=6 * np.sqrt(pdf[:count].max() / n))
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_a_spot_is_known_to_shine_where_it_looks(turn):
+    """Along its -z, which leads to one of the axes here, and up to its edge; a point shines all around."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.roll(np.eye(3), turn, axis=0), (3.0, 2.0, 1.0)
+    spot = PunctualLight("spot", (1.0, 1.0, 1.0), Static(pose), 10.0, 60.0)
+    (found,) = bounds_of_small(spot, pose, np.array((1.0, 1.0, 1.0)))
+    np.testing.assert_allclose(found["axis"], -np.eye(3)[(2 + turn) % 3])
+    np.testing.assert_allclose((found["low"], found["high"]), [(2.0, 1.0, 0.0)] * 2)
+    assert (found["facing"], found["reach"], found["intensity"]) == (1.0, pytest.approx(0.5), pytest.approx(1.0))
+    (found,) = bounds_of_small(replace(spot, kind="point"), pose, np.zeros(3))
+    assert (found["facing"], found["reach"]) == (-1.0, -1.0)
