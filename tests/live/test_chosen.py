@@ -7,7 +7,7 @@ import pytest
 
 from clsim.frames import Frame
 from clsim.live.options import LiveOptions
-from clsim.live.sensors import meter_for
+from clsim.live.sensors import RecordedSensor, meter_for
 from clsim.live.stages import plan_stages
 from clsim.scene import Sensor, load_world
 from clsim.sensor import load_sensor
@@ -54,3 +54,9 @@ def test_it_is_too_dark_where_half_of_the_picture_is_however_bright_the_rest(dar
     assert meter is not None
     meter.show_frame(Frame(np.zeros((1, 10, 12), np.float32), ("R",)), np.log(4.0 * lux / 100.0).reshape(10, 12))
     assert (meter.told is not None and "darker than 0.04 lux" in meter.told) is told
+
+
+@pytest.mark.parametrize("given", [{}, {"threshold_off": 0.5}])
+def test_recorded_frames_are_seen_with_the_sensors_thresholds_unless_told_otherwise(given: dict[str, float]) -> None:
+    sensor = SensorSettings(threshold=Threshold(0.3, 0.4))
+    assert RecordedSensor(sensor).detector(given, "esim") == {"threshold_on": 0.3, "threshold_off": 0.4} | given

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from clsim.live.options import LiveOptions
-from clsim.live.pacing.base_rate import base_fps, camera_px_s, fastest_px_s
+from clsim.live.pacing.base_rate import _seen, base_fps, camera_px_s, fastest_px_s
 from clsim.live.pacing.schedule import plan
 from clsim.live.stages import plan_stages
 from clsim.scene import Camera, Instance, Static, World, load_world
@@ -148,3 +148,11 @@ def test_a_run_whose_rate_nobody_chose_is_as_long_as_it_was_asked_to_be(given, f
     stages = plan_stages(options, load_world("two-boxes", resolution=(8, 6)))
     schedule = plan(2.0, stages.fps, duration_s=options.duration_s)
     assert stages.fps == pytest.approx(fps) and schedule.time_us(schedule.total - 1) == ends_us
+
+
+def test_what_overlaps_the_picture_is_seen_whichever_side_is_the_longer_one() -> None:
+    corners = np.array([(x, y) for x in (-1.0, 1.0) for y in (-1.0, 1.0)] * 2)
+    for width, height in ((80, 40), (40, 80)):
+        for x, y in ((30.0, 0.0), (-30.0, 0.0), (0.0, 30.0), (0.0, -30.0)):
+            overlaps = abs(x) < width / 2 + 1 and abs(y) < height / 2 + 1
+            assert _seen(corners + np.array((x, y)), width, height) == overlaps

@@ -290,3 +290,8 @@ def test_however_late_a_run_is_frames_may_take_seven_tenths_of_their_time() -> N
     for share, leaves in ((0.63, False), (0.66, True)):
         governor = Governor([2.0, 1.0], BUDGET_S)
         assert any(governor.observe(share * BUDGET_S, 1e6) for _ in range(50)) == leaves
+
+
+def test_frames_get_fewer_by_a_third_at_most_once_they_are_few() -> None:
+    fewer = list(dict.fromkeys(level.one_in for level in ladder(BEST, 1000.0)))
+    assert fewer == [1, 2, 3, 4, 6, 9, 13, 19, 28, 42, 63, 94]

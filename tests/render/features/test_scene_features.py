@@ -13,7 +13,16 @@ from clsim.render.features.features import SceneFeatures, view_features
 from clsim.render.features.scene_features import scene_features
 from clsim.render.features.scene_lamps import LampBoxes
 from clsim.render.surfaces.upload_materials import upload_materials
-from clsim.scene import CheckerTexture, EnvironmentMap, ImageTexture, Material, PunctualLight, SphereLight, Static
+from clsim.scene import (
+    CheckerTexture,
+    EnvironmentMap,
+    ImageTexture,
+    Instance,
+    Material,
+    PunctualLight,
+    SphereLight,
+    Static,
+)
 from tests.render import hand_worlds as hw
 from tests.render.motion.test_blur import Glide
 
@@ -60,6 +69,11 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
         replace(PLAIN, materials=(Material(kind="dielectric", alpha=0.3, back="black"),)),
         {"kinds", "diffuse_lit", "transmission", "glossy"},
     ),
+    "what would dim light if that came through": (of_material(absorption=(1.0, 1.0, 1.0)), set()),
+    "glass that dims light": (
+        replace(PLAIN, materials=(Material(kind="dielectric", alpha=0.3, absorption=(0.0, 1.0, 0.0)),)),
+        {"kinds", "diffuse_lit", "transmission", "glossy", "absorption"},
+    ),
     "a metal that is smooth here and there": (
         of_material(kind="principled", metallic=1.0, alpha=0.3, roughness_texture=0),
         {"kinds", "diffuse_lit", "textures", "images", "roughness_textures", "mirrors", "glossy"},
@@ -74,6 +88,10 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
     ),
     "a picture of light on what is dark": (of_material(emission_texture=0), set()),
     "a lamp": (of_material(**GLOW), {"triangle_lights", "diffuse_lit", *LIT}),
+    "five lamps of one shape": (
+        replace(of_material(**GLOW), instances=(Instance(0, Static(np.eye(4))),) * 5),
+        {"triangle_lights", "light_tree", "diffuse_lit"},
+    ),
     "a lamp with holes": (
         of_material(**GLOW, alpha_mode="mask"),
         {"triangle_lights", "still_lamps", "diffuse_lit", "alpha"},
@@ -99,6 +117,10 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
     "a spot with a sharp edge": (
         replace(PLAIN, punctual_lights=(replace(SPOT, inner_deg=59.5),)),
         {"punctual_lights"},
+    ),
+    "a point": (
+        replace(PLAIN, punctual_lights=(replace(SPOT, kind="point", inner_deg=59.5),)),
+        {"punctual_lights", *LIT},
     ),
     "a slide": (
         replace(PLAIN, punctual_lights=(replace(SPOT, picture=0, picture_size=(0.5, 0.5)),), textures=(IMAGE,)),

@@ -142,3 +142,15 @@ def test_boxes_hold_all_of_what_moves_and_deforms_at_any_time(together):
         pose = breath.pose(time_s)
         corners = breath.vertices_at(shape_s)[0] @ pose[:3, :3].T + pose[:3, 3]
         assert (corners >= low - 1e-3).all() and (corners <= high + 1e-3).all(), time_s
+
+
+def test_what_speeds_up_evenly_has_its_own_speed_at_each_key():
+    class Falling:
+        duration_s = 9.0
+
+        def pose(self, time_s):
+            return hw.translation(0.0, -(time_s**2), 0.0)
+
+    times_s = shutter.key_times(4.0, 8.0)
+    places = np.array([[Falling().pose(time_s)[:3, 3]] for time_s in times_s])
+    np.testing.assert_allclose(shutter.key_steps([Falling()], times_s, places)[:, 0, 1], -2.0 * times_s, atol=1e-9)
