@@ -96,6 +96,12 @@ WORLDS: dict[str, tuple[Any, set[str]]] = {
         of_material(**GLOW, alpha_mode="mask"),
         {"triangle_lights", "still_lamps", "diffuse_lit", "alpha"},
     ),
+    "half of what does not shine": (of_material(emits_behind=False), set()),
+    "a picture of roughness on what has none": (of_material(roughness_texture=0), set()),
+    "brushed metal": (
+        replace(PLAIN, materials=(replace(METAL, stretch=0.5),)),
+        {"kinds", "diffuse_lit", "glossy", "anisotropic"},
+    ),
     "half a lamp": (
         of_material(**GLOW, emits_behind=False),
         {"triangle_lights", "one_sided_lamps", "diffuse_lit", *LIT},
@@ -169,6 +175,12 @@ def test_a_camera_blurs_what_stands_if_it_goes_while_it_exposes(shutter_s: float
     camera = replace(PLAIN.camera, shutter_s=shutter_s, motion=motion)
     blurs = view_features(scene_features(PLAIN, shutter_s), camera).camera_blur
     assert blurs == (shutter_s > 0 and motion.duration_s > 0)
+
+
+@pytest.mark.parametrize("requests", [False, True])
+def test_pixels_between_frames_have_no_planes_for_variances(requests: bool) -> None:
+    found = view_features(scene_features(PLAIN, 0.0), PLAIN.camera, variances=True, requests=requests)
+    assert found.variances is not requests
 
 
 def test_backs_are_black_unless_light_must_come_back() -> None:

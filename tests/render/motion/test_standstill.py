@@ -137,6 +137,18 @@ def test_a_rest_ends_with_the_frame_whose_exposure_sees_the_first_move(shutter_s
     assert repeated == [False, True, True, True, shutter_s == 0]
 
 
+def test_where_a_camera_stands_is_asked_of_itself_and_not_of_the_worlds_own():
+    goes, planes = rests_between((0.0, 1.0, 4.5), (0.3, 1.1, 4.0)), np.zeros(1, np.float32)
+    for own, other in ((hw.IDENTITY, goes), (goes, hw.IDENTITY)):
+        world = world_of(camera=own)
+        still, repeated = Standstill(world, replace(world.camera, motion=other)), []
+        for time_s in (0.0, 0.01, 0.02):
+            repeated.append(still.repeat(time_s, None, planes))
+            if not repeated[-1]:
+                still.remember(planes)
+        assert repeated == [False, other is not goes, other is not goes]
+
+
 @pytest.mark.slow  # kernels of their own are compiled
 def test_a_shutter_that_is_open_when_something_begins_to_move_sees_it(rendered):
     """What goes on at .1 s is seen by the frame whose exposure ends a moment later."""
