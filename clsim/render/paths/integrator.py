@@ -109,7 +109,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     lamps = shadow_ray = None
     if features.lamp_light:
         lamps = make_lamp_light(features, on_lamp, shining)
-        shadow_ray = make_shadow_ray(features, sample_light, agree, visibility)
+        shadow_ray = make_shadow_ray(features, sample_light, agree, visibility, on_lamp, shining)
     wide_lamps = features.lamp_light and (features.triangle_lights or features.sphere_lights)
     sample_primary = make_sample_primary(
         features.sobol,

@@ -27,7 +27,7 @@ _LAST = wp.constant(12)
 
 
 @wp.func
-def _are_lit_alike(corners: wp.array[Sample]) -> bool:
+def _are_lit_alike(corners: wp.array[Sample], many: bool) -> bool:
     """Whether light of lamps was found at a pixel's own corners, as far as they asked, and the same share of it."""
     asker = int(_FIRST)
     alike = bool(True)
@@ -36,7 +36,7 @@ def _are_lit_alike(corners: wp.array[Sample]) -> bool:
         alike = alike and same_light(corners[other], corners[asker])
         if corners[asker].lamp_all <= 0.0:
             asker = other
-    return alike and corners[asker].lamp_all > 0.0
+    return alike and (many or corners[asker].lamp_all > 0.0)
 
 
 def make_retraced(
@@ -103,7 +103,7 @@ def make_retraced(
         i = wp.where(primary_rays.steps > 0 and not before.counted, 0, _LAST)
         while i <= _LAST:
             around = wp.static(wide_lamps) or asks_neighbours(scene.lights)
-            if i == 4 and not (around and _are_lit_alike(corners)):
+            if i == 4 and not (around and _are_lit_alike(corners, asks_neighbours(scene.lights))):
                 i = int(_LAST)
             place = corner_near(i)
             x = column + place[0]

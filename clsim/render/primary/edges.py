@@ -168,12 +168,16 @@ def off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> b
 def _is_lit_otherwise_around(corners: wp.array[Sample], nearest: int, row: int, asker: int, pixel: wp.vec2) -> bool:
     """Whether another share of the lamps' light than at ``asker`` reaches its surface at a corner next to the pixel's.
 
-    Each corner asks for one place on one lamp alone. In a soft shadow all four may find theirs free, or none.
+    Each corner asks for one place on one lamp alone. In a soft shadow all four may find theirs free, or none. Where
+    none of the lamps that they ask sends light, all of it counts as arriving.
     """
     column = nearest % row
     line = nearest // row
-    lit = corners[asker].lamp_lit
-    most = corners[asker].lamp_all
+    lit = float(corners[asker].lamp_lit)
+    most = float(corners[asker].lamp_all)
+    if most <= 0.0:
+        lit = 1.0
+        most = 1.0
     found = bool(False)
     # As a variable, so that the loop is compiled once and not eight times.
     corners_beside = int(8)
@@ -285,7 +289,8 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         edge.flat = sound and edge.by_colour and one_material and flat(scene, first)
         edge.alone = one_triangle
         if wp.static(wide_lamps) or asks_neighbours(scene.lights):
-            if (edge.plain or edge.flat) and not edge.shaded and corners[asker].lamp_all > 0.0:
+            asked = corners[asker].lamp_all > 0.0 or asks_neighbours(scene.lights)
+            if (edge.plain or edge.flat) and not edge.shaded and asked:
                 edge.shaded = _is_lit_otherwise_around(corners, nearest, row, asker, pixel)
         # A box that juts out between two corners is mostly empty there: a ray or two inside would see no more of it.
         edge.whole = one_triangle and farthest < clear_m

@@ -1,4 +1,4 @@
-# ruff: noqa: SIM102
+# ruff: noqa: SIM102, UP018, RUF046
 """Shadow rays: from what a pixel shows to places on lamps, and which arrive there, as Warp functions.
 
 Each primary ray may send one. A pixel in a soft shadow that shows one triangle needs many shadow rays, but few primary
@@ -11,12 +11,13 @@ from typing import Any
 
 import warp as wp
 
-from clsim.render.accel.geometry import Surface
+from clsim.render.accel.geometry import Geometry, Surface, make_sphere_at
 from clsim.render.bsdf.reflections import reflected_by_coats
 from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import STEP
 from clsim.render.emitters.light_tree import Receiver
 from clsim.render.emitters.lights import NEVER, Lights
+from clsim.render.emitters.punctual import make_punctual
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene
 from clsim.render.sampling import sampling
@@ -26,6 +27,9 @@ AT_NONE, AT_ANY = wp.constant(-2), wp.constant(-1)
 """To which place on a lamp a shadow ray goes: none, or one of chance; numbers from 0 are places near the rim."""
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
+_ALIKE = wp.constant(4)
+"""Lamps at most of which one is drawn by its power: a pixel's own corners ask each of them."""
+_LEAST_COSINE = wp.constant(0.05)
 MOST_TOLD = wp.constant(64)
 """Rays at most of which it is told whether they reach the lamps: so many bits there are."""
 
@@ -108,17 +112,18 @@ def corner_kind(x: int, y: int) -> int:
 @wp.func
 def asks_neighbours(lights: Lights) -> bool:
     """Whether there are more lamps than a pixel has corners, so that those around it ask for the others."""
-    return lights.first_environment > 4
+    return lights.first_environment > _ALIKE  # type: ignore[no-any-return]
 
 
 @wp.func
-def _rim_draw(lights: Lights, corner: int) -> float:
-    """Return the number in 0 … 1 by which the lamp is drawn that a corner of that kind asks.
+def _turn_of(lights: Lights, corner: int) -> int:
+    """Return whose turn it is among the lamps where a corner of that kind asks for one."""
+    return wp.where(asks_neighbours(lights), corner, corner & 3)  # type: ignore[no-any-return]
 
-    They take turns among the lamps, whatever their power: where all seems plain, no other ray asks for shadows.
-    """
-    kind = wp.where(asks_neighbours(lights), corner, corner & 3)
-    light = kind % lights.first_environment
+
+@wp.func
+def _draw_of(lights: Lights, light: int) -> float:
+    """Return the number in 0 … 1 by which a lamp is drawn."""
     middle = lights.cumulative[light] - 0.5 * lights.probability[light]
     return wp.min(middle, lights.cumulative[lights.first_environment - 1] - STEP)  # type: ignore[no-any-return]
 
@@ -131,6 +136,12 @@ def _rim_place(corner: int) -> wp.vec2:
     """
     place = corner & 3
     return wp.vec2(wp.where(place == 3, 0.02, 0.98), wp.min(0.05 + 0.33 * float(place), 0.98))
+
+
+@wp.func
+def seen_cosine(cosine: float) -> float:
+    """Return a cosine, or a little where the middle of a lamp is hidden: other parts of it may be seen."""
+    return wp.max(cosine, _LEAST_COSINE)  # type: ignore[no-any-return]
 
 
 @wp.struct
@@ -161,7 +172,53 @@ def start_at(sample: Sample) -> ShadowStart:
     return start
 
 
-def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibility: Any) -> Any:
+def make_rough_light(features: Features, on_lamp: Any, shining: Any) -> Any:
+    """Return the Warp function ``rough_light(lights, geometry, materials, light, start, time) -> float``.
+
+    It is the luminance of the irradiance that a lamp gives a place if nothing stands between, as if all of the lamp
+    were where its middle is. ``on_lamp`` is of `make_lights`, which takes the same ``shining``.
+    """
+    sphere_at = make_sphere_at(features)
+    towards_punctual = make_punctual(features)
+
+    @wp.func
+    def rough_light(
+        lights: Lights, geometry: Geometry, materials: Any, light: int, start: ShadowStart, time: float
+    ) -> float:
+        found = float(0.0)
+        if lights.probability[light] > 0.0:
+            if wp.static(features.triangle_lights):
+                if light < lights.first_sphere:
+                    lamp = on_lamp(lights, geometry, light, wp.vec3(1.0, 1.0, 1.0) / 3.0, time)
+                    away = lamp.position - start.position
+                    facing = -wp.dot(lamp.normal, away)
+                    if facing < 0.0:
+                        lamp.front = False
+                    distance = wp.max(wp.length(away), 1.0e-15)
+                    solid = lamp.area * seen_cosine(wp.abs(facing) / distance) / (distance * distance)
+                    cosine = seen_cosine(wp.dot(start.normal, away) / distance)
+                    found = sampling.luminance(shining(materials, lamp)) * solid * cosine
+            if wp.static(features.sphere_lights):
+                if light >= lights.first_sphere and light < lights.first_punctual:
+                    sphere = sphere_at(geometry, light - lights.first_sphere, time)
+                    away = wp.vec3(sphere[0], sphere[1], sphere[2]) - start.position
+                    distance = wp.max(wp.length(away), 1.0e-15)
+                    sine = wp.min(sphere[3] / distance, 1.0)
+                    radiance = sampling.luminance(lights.sphere_radiance[light - lights.first_sphere])
+                    found = wp.pi * radiance * sine * sine * seen_cosine(wp.dot(start.normal, away) / distance)
+            if wp.static(features.punctual_lights):
+                if light >= lights.first_punctual:
+                    index = light - lights.first_punctual
+                    sent = towards_punctual(lights.punctual, materials.textures, index, start.position, time)
+                    found = sampling.luminance(sent.irradiance) * wp.max(wp.dot(sent.direction, start.normal), 0.0)
+        return found
+
+    return rough_light
+
+
+def make_shadow_ray(
+    features: Features, sample_light: Any, agree: Any, visibility: Any, on_lamp: Any, shining: Any
+) -> Any:
     """Return the Warp function ``shadow_ray(scene, start, to_lamps, stream, time) -> wp.vec4``.
 
     It goes to a place on a lamp. It returns the luminance of that light if nothing stood between, over the density of
@@ -169,6 +226,50 @@ def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibilit
     squares of a texture makes no shadow.
     """
     uniform2 = make_sampler(features.sobol)
+    rough_light = make_rough_light(features, on_lamp, shining)
+
+    @wp.func
+    def lamp_in_turn(scene: Scene, start: ShadowStart, turn: int, time: float) -> int:
+        """Return the lamp that is asked for: whose turn it is of those that may send light to a place; -1 if none may.
+
+        They take turns whatever their power: where all seems plain, no other ray asks for shadows.
+        """
+        lights = scene.lights
+        number = int(0)
+        for light in range(lights.first_environment):
+            if rough_light(lights, scene.geometry, scene.materials, light, start, time) > 0.0:
+                number = number + 1
+        found = int(-1)
+        left = turn % wp.max(number, 1)
+        for light in range(lights.first_environment):
+            if rough_light(lights, scene.geometry, scene.materials, light, start, time) > 0.0:
+                if left == 0:
+                    found = light
+                left = left - 1
+        return found
+
+    @wp.func
+    def draw_lamp(scene: Scene, start: ShadowStart, u: float, time: float) -> wp.vec2:
+        """Return a number in 0 … 1 by which a lamp is drawn, and its probability over that by power.
+
+        Lamps are drawn by how much each may send to a place. By power, most rays of a place in the light of one spot of
+        several would go to the others.
+        """
+        lights = scene.lights
+        total = float(0.0)
+        for light in range(lights.first_environment):
+            total += rough_light(lights, scene.geometry, scene.materials, light, start, time)
+        left = u * total
+        drawn = float(0.0)
+        ratio = float(0.0)
+        for light in range(lights.first_environment):
+            one = rough_light(lights, scene.geometry, scene.materials, light, start, time)
+            if one > 0.0 and left >= 0.0:
+                # The last one that is not above what is left.
+                drawn = _draw_of(lights, light)
+                ratio = one / (total * lights.probability[light])
+                left = left - one
+        return wp.vec2(drawn, ratio)
 
     @wp.func(inline=True)
     def shadow_ray(scene: Scene, start: ShadowStart, to_lamps: int, stream: sampling.Stream, time: float) -> wp.vec4:
@@ -180,18 +281,31 @@ def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibilit
         to = Receiver()
         to.position = start.position
         to.normal = start.normal
-        draw = 0.0
+        draw = float(0.0)
+        ratio = float(1.0)
         u = wp.vec2()
         if to_lamps >= 0:
-            draw = _rim_draw(scene.lights, to_lamps)
+            turn = _turn_of(scene.lights, to_lamps)
+            light_asked = turn % scene.lights.first_environment
+            if scene.lights.first_environment > _ALIKE:
+                light_asked = lamp_in_turn(scene, start, turn, time)
+            draw = _draw_of(scene.lights, wp.max(light_asked, 0))
+            ratio = wp.where(light_asked < 0, 0.0, 1.0)
             u = _rim_place(to_lamps)
         else:
-            others = wp.max(scene.lights.environment_probability, NEVER)
-            draw = uniform2(stream, _DIMENSIONS + sampling.CHOICE)[0] * (1.0 - others)
+            draw = uniform2(stream, _DIMENSIONS + sampling.CHOICE)[0]
+            if scene.lights.first_environment > _ALIKE:
+                by_light = draw_lamp(scene, start, draw, time)
+                draw = by_light[0]
+                ratio = by_light[1]
+            else:
+                others = wp.max(scene.lights.environment_probability, NEVER)
+                draw = draw * (1.0 - others)
             u = uniform2(stream, _DIMENSIONS + sampling.LIGHT)
         found = wp.vec4()
         # Few enough lamps that none is drawn by a tree, which alone takes a finer number.
         light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, draw, 0.0, u, time)
+        light.pdf = light.pdf * ratio
         if light.pdf > 0.0 and agree(point, light.direction):
             facing = wp.max(wp.dot(light.direction, start.normal), 0.0)
             found[0] = sampling.luminance(light.radiance) * facing / light.pdf

@@ -198,6 +198,21 @@ def test_the_shadow_of_each_of_several_lamps_is_sharp(lamps):
 
 
 @pytest.mark.slow
+def test_each_of_several_spots_lights_its_own_part_and_has_its_own_shadow():
+    """Corners ask only the spots that shine on them: else a pixel counts as dark, or as lit, by another one's light."""
+    spots = []
+    for x, z in itertools.product((-1.4, 0.0, 1.4), (-0.8, 0.8)):
+        pose = Static(hw.look_from((x, 3.5, z), (x + 0.1, 0, z), up=(0, 0, -1)))
+        spots.append(PunctualLight("spot", (10.0,) * 3, pose, inner_deg=9.0, outer_deg=20.0))
+    world = from_above(punctual_lights=tuple(spots))
+    cached = Run(world, spp=1, probe_spp=1, max_depth=2, first_hit_rays=16, light_cache=True).fill(0)
+    plain = Run(world, spp=256, max_depth=2, first_hit_rays=0).fill(0)
+    cached, plain = (np.tensordot(LUMINANCE, each.planes[:3], axes=1) for each in (cached, plain))
+    assert (plain < 0.05 * plain.max()).mean() > 0.1
+    assert np.abs(cached - plain).max() < 0.2 * plain.max()
+
+
+@pytest.mark.slow
 def test_the_edge_of_a_sharp_cone_lies_within_pixels():
     """Light at one place in each pixel is all or nothing there."""
     pose = Static(hw.look_from((0, 5, 0), (0, 0, 0), up=(0.3, 0, -1)))
