@@ -8,7 +8,7 @@ import numpy.typing as npt
 from clsim.render.motion.deform import deforms
 from clsim.scene import Motion, PunctualLight, SphereLight, World
 
-_FEW_LAMPS = 8
+FEW_LAMPS = 8
 """Lamps, each triangle by itself, whose light is still added up for each point that a pixel shows: of twelve, rooms
 with soft shadows take up to twice as long as with light of lamps in the cache."""
 _ALIKE = 4
@@ -34,7 +34,7 @@ def _lamps_are_textured(world: World) -> bool:
 def few_lamps(world: World) -> bool:
     """Whether there are some lamps but not many, whose light hardly changes within a pixel but for shadows."""
     plain = not _lamps_are_textured(world) and not _lamps_show_pictures(world)
-    return plain and 0 < _lamps(world) <= _FEW_LAMPS
+    return plain and 0 < _lamps(world) <= FEW_LAMPS
 
 
 def _lamps_show_pictures(world: World) -> bool:

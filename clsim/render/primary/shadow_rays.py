@@ -19,6 +19,7 @@ from clsim.render.emitters.light_tree import Receiver
 from clsim.render.emitters.lights import NEVER, Lights
 from clsim.render.emitters.punctual import make_punctual
 from clsim.render.features.features import Features
+from clsim.render.features.scene_lamps import FEW_LAMPS
 from clsim.render.kernel_input import Scene
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
@@ -27,9 +28,11 @@ AT_NONE, AT_ANY = wp.constant(-2), wp.constant(-1)
 """To which place on a lamp a shadow ray goes: none, or one of chance; numbers from 0 are places near the rim."""
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
+_OfFew = wp.types.vector(length=FEW_LAMPS, dtype=wp.float32)
 _ALIKE = wp.constant(4)
 """Lamps at most of which one is drawn by its power: a pixel's own corners ask each of them."""
 _LEAST_COSINE = wp.constant(0.05)
+"""Stands for that of a lamp's middle which is hidden, so that the parts which are not are drawn now and then."""
 MOST_TOLD = wp.constant(64)
 """Rays at most of which it is told whether they reach the lamps: so many bits there are."""
 
@@ -139,8 +142,8 @@ def _rim_place(corner: int) -> wp.vec2:
 
 
 @wp.func
-def seen_cosine(cosine: float) -> float:
-    """Return a cosine, or a little where the middle of a lamp is hidden: other parts of it may be seen."""
+def _seen_cosine(cosine: float) -> float:
+    """Return a cosine, or a little where the middle of a lamp is hidden."""
     return wp.max(cosine, _LEAST_COSINE)  # type: ignore[no-any-return]
 
 
@@ -172,6 +175,49 @@ def start_at(sample: Sample) -> ShadowStart:
     return start
 
 
+@wp.func
+def _lamp_in_turn(may_send: Any, turn: int) -> int:
+    """Return the lamp that a corner asks: whose turn it is of those that may send light to its place; -1 if none may.
+
+    They take turns whatever their power: where all seems plain, no other ray asks for shadows.
+    """
+    number = int(0)
+    for light in range(wp.static(FEW_LAMPS)):
+        if may_send[light] > 0.0:
+            number = number + 1
+    found = int(-1)
+    left = turn % wp.max(number, 1)
+    for light in range(wp.static(FEW_LAMPS)):
+        if may_send[light] > 0.0:
+            if left == 0:
+                found = light
+            left = left - 1
+    return found
+
+
+@wp.func
+def _draw_lamp(lights: Lights, may_send: Any, u: float) -> wp.vec2:
+    """Return a number in 0 … 1 by which a lamp is drawn, and its probability over that by power.
+
+    Lamps are drawn by how much each may send to a place. By power, most rays of a place in the light of one spot of
+    several would go to the others.
+    """
+    total = float(0.0)
+    for light in range(lights.first_environment):
+        total += may_send[light]
+    left = u * total
+    drawn = float(0.0)
+    ratio = float(0.0)
+    for light in range(lights.first_environment):
+        one = may_send[light]
+        if one > 0.0 and left >= 0.0:
+            # The last one that is not above what is left.
+            drawn = _draw_of(lights, light)
+            ratio = one / (total * lights.probability[light])
+            left = left - one
+    return wp.vec2(drawn, ratio)
+
+
 def make_rough_light(features: Features, on_lamp: Any, shining: Any) -> Any:
     """Return the Warp function ``rough_light(lights, geometry, materials, light, start, time) -> float``.
 
@@ -195,8 +241,8 @@ def make_rough_light(features: Features, on_lamp: Any, shining: Any) -> Any:
                     if facing < 0.0:
                         lamp.front = False
                     distance = wp.max(wp.length(away), 1.0e-15)
-                    solid = lamp.area * seen_cosine(wp.abs(facing) / distance) / (distance * distance)
-                    cosine = seen_cosine(wp.dot(start.normal, away) / distance)
+                    solid = lamp.area * _seen_cosine(wp.abs(facing) / distance) / (distance * distance)
+                    cosine = _seen_cosine(wp.dot(start.normal, away) / distance)
                     found = sampling.luminance(shining(materials, lamp)) * solid * cosine
             if wp.static(features.sphere_lights):
                 if light >= lights.first_sphere and light < lights.first_punctual:
@@ -205,7 +251,7 @@ def make_rough_light(features: Features, on_lamp: Any, shining: Any) -> Any:
                     distance = wp.max(wp.length(away), 1.0e-15)
                     sine = wp.min(sphere[3] / distance, 1.0)
                     radiance = sampling.luminance(lights.sphere_radiance[light - lights.first_sphere])
-                    found = wp.pi * radiance * sine * sine * seen_cosine(wp.dot(start.normal, away) / distance)
+                    found = wp.pi * radiance * sine * sine * _seen_cosine(wp.dot(start.normal, away) / distance)
             if wp.static(features.punctual_lights):
                 if light >= lights.first_punctual:
                     index = light - lights.first_punctual
@@ -228,49 +274,6 @@ def make_shadow_ray(
     uniform2 = make_sampler(features.sobol)
     rough_light = make_rough_light(features, on_lamp, shining)
 
-    @wp.func
-    def lamp_in_turn(scene: Scene, start: ShadowStart, turn: int, time: float) -> int:
-        """Return the lamp that is asked for: whose turn it is of those that may send light to a place; -1 if none may.
-
-        They take turns whatever their power: where all seems plain, no other ray asks for shadows.
-        """
-        lights = scene.lights
-        number = int(0)
-        for light in range(lights.first_environment):
-            if rough_light(lights, scene.geometry, scene.materials, light, start, time) > 0.0:
-                number = number + 1
-        found = int(-1)
-        left = turn % wp.max(number, 1)
-        for light in range(lights.first_environment):
-            if rough_light(lights, scene.geometry, scene.materials, light, start, time) > 0.0:
-                if left == 0:
-                    found = light
-                left = left - 1
-        return found
-
-    @wp.func
-    def draw_lamp(scene: Scene, start: ShadowStart, u: float, time: float) -> wp.vec2:
-        """Return a number in 0 … 1 by which a lamp is drawn, and its probability over that by power.
-
-        Lamps are drawn by how much each may send to a place. By power, most rays of a place in the light of one spot of
-        several would go to the others.
-        """
-        lights = scene.lights
-        total = float(0.0)
-        for light in range(lights.first_environment):
-            total += rough_light(lights, scene.geometry, scene.materials, light, start, time)
-        left = u * total
-        drawn = float(0.0)
-        ratio = float(0.0)
-        for light in range(lights.first_environment):
-            one = rough_light(lights, scene.geometry, scene.materials, light, start, time)
-            if one > 0.0 and left >= 0.0:
-                # The last one that is not above what is left.
-                drawn = _draw_of(lights, light)
-                ratio = one / (total * lights.probability[light])
-                left = left - one
-        return wp.vec2(drawn, ratio)
-
     @wp.func(inline=True)
     def shadow_ray(scene: Scene, start: ShadowStart, to_lamps: int, stream: sampling.Stream, time: float) -> wp.vec4:
         point = Surface()
@@ -284,18 +287,22 @@ def make_shadow_ray(
         draw = float(0.0)
         ratio = float(1.0)
         u = wp.vec2()
+        may_send = _OfFew()
+        if scene.lights.first_environment > _ALIKE:
+            for lamp in range(scene.lights.first_environment):
+                may_send[lamp] = rough_light(scene.lights, scene.geometry, scene.materials, lamp, start, time)
         if to_lamps >= 0:
             turn = _turn_of(scene.lights, to_lamps)
             light_asked = turn % scene.lights.first_environment
             if scene.lights.first_environment > _ALIKE:
-                light_asked = lamp_in_turn(scene, start, turn, time)
+                light_asked = _lamp_in_turn(may_send, turn)
             draw = _draw_of(scene.lights, wp.max(light_asked, 0))
             ratio = wp.where(light_asked < 0, 0.0, 1.0)
             u = _rim_place(to_lamps)
         else:
             draw = uniform2(stream, _DIMENSIONS + sampling.CHOICE)[0]
             if scene.lights.first_environment > _ALIKE:
-                by_light = draw_lamp(scene, start, draw, time)
+                by_light = _draw_lamp(scene.lights, may_send, draw)
                 draw = by_light[0]
                 ratio = by_light[1]
             else:
